@@ -27,7 +27,8 @@ def closing_calls(
     *,
     stops_service: bool = True,
 ) -> Iterator[ClosingCall]:
-    """Yield the calls in order: leave slave mode, give the arm back, release objects, stop the service.
+    """Yield the function id and arguments of the calls in order: leave slave mode, give the arm back, release
+    objects, stop the service.
 
     None of these calls moves a robot.
 
@@ -36,9 +37,6 @@ def closing_calls(
         arms: Handles of the robots whose arm the client has taken with TakeArm.
         objects: Class and handle of each object that is still open, newest first.
         stops_service: Whether the last call is Service_Stop.
-
-    Yields:
-        Function id and arguments.
     """
     for handle in robots:
         yield _robot_command(handle, "slvChangeMode", Variant(VT.I4, 0))

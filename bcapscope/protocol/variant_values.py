@@ -73,9 +73,7 @@ def plain_value(variant: Variant) -> Value:
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE to a datetime in the controller's time zone; None if Python's datetime cannot represent
-    the date.
-    """
+    """Convert a DATE to a datetime in the controller's time zone; None if datetime cannot represent it."""
     try:
         return _DATE_ZERO + timedelta(days=days)
     except (OverflowError, ValueError):

@@ -43,8 +43,7 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the current run, because `call` does not belong to it. If `call` is an accepted set point,
-        begin a new run."""
+        """End the current run. If `call` is an accepted set point, begin a new run."""
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

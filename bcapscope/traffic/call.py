@@ -62,9 +62,7 @@ class FrameRole(StrEnum):
 
 
 class CallState(StrEnum):
-    """State of a call. The module `pairing_states` says which event leads from which state to which other
-    state.
-    """
+    """State of a call. `pairing_states` says which event leads from which state to which other state."""
 
     WAITING = "waiting"
     """The client waits for the reply."""

@@ -79,9 +79,7 @@ def call_kind_of(request: Frame) -> CallKind:
 
 
 class CallKinds:
-    """Finds the call kinds of many requests fast, by their first bytes. Equal call kinds are the same Python
-    object.
-    """
+    """Finds the call kinds of many requests fast, by their first bytes."""
 
     def __init__(self) -> None:
         self._by_prefix: dict[bytes, CallKind] = {}
@@ -116,9 +114,8 @@ class CallKinds:
 
 
 class RecentRequests:
-    """Remembers recent requests, so that a reply can be shown with the function of its request.
-
-    A reply belongs to the latest request with the same serial.
+    """Remembers recent requests, so that a reply can be shown with the function of its request: the latest
+    request with the same serial.
     """
 
     def __init__(self) -> None:
@@ -161,9 +158,7 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """Maps the serials of one conversation's requests to the kinds of their calls. The class uses two tables,
-    so that old serials expire without a search.
-    """
+    """Kinds of the calls of one conversation. Two tables let old serials expire without a search."""
 
     def __init__(self) -> None:
         self.latest: dict[int, CallKind] = {}

@@ -35,10 +35,8 @@ _MAX_KINDS = 64
 
 
 def attempt_distances(call: Call) -> list[int]:
-    """Return the times in ns between successive attempts of a call.
-
-    If the capture lacks attempts between two captured attempts, the missing attempts are assumed to be evenly
-    spaced.
+    """Return the times in ns between successive attempts of a call. Attempts that were not captured are
+    assumed to be evenly spaced.
     """
     attempts = call.attempts
     if len(attempts) == 1:
@@ -79,9 +77,7 @@ def waits_in_vain(call: Call, now: int) -> bool:
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return the time in ns that this number of timeouts takes, at least `SHORTEST_SILENCE_NS`; 0 if the call
-    does not show the timeout.
-    """
+    """Return the time in ns that this number of timeouts takes; 0 if the call does not show the timeout."""
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 

@@ -53,8 +53,8 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Object that counts the bytes of all open calls, in all conversations.
-            kinds: Object that finds the call kind of each request, shared by all conversations.
+            budget: Bytes of all open calls, in all conversations.
+            kinds: Call kinds of the requests of all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
@@ -92,9 +92,7 @@ class ConversationPairing:
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. If the request starts a new call, give this call the number `number` and return
-        True.
-        """
+        """Add a request. If it starts a new call, give this call the number `number` and return True."""
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -166,9 +164,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """If a request that the proxy sent on its own is a copy of a client's request, add the copy to the
-        client's call.
-        """
+        """Add a request that the proxy sent on its own, if it is a copy of a client's request."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -240,7 +236,7 @@ class ConversationPairing:
     def _add_after_strays(
         self, strays: Sequence[StrayReply], observation: FrameObservation, frame: Frame, number: int
     ) -> bool:
-        """Add a request. Add to its call the stray replies that answer earlier attempts of the call."""
+        """Add a request, and the stray replies that answer earlier attempts of its call."""
         is_new = self.add_request(observation, frame, number)
         call = self._by_serial.get(frame.serial)
         if call is not None:  # not evicted
@@ -431,10 +427,7 @@ class ConversationPairing:
         return call
 
     def _settle_irregular(self, call: Call, event: CallEvent) -> None:
-        """Settle a call without a reply, or with frames besides one request and one reply.
-
-        The reply is late if the times between the attempts show that the client had given up.
-        """
+        """Settle a call without a reply, or with frames besides one request and one reply."""
         gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
         if gave_up_at and call.state is _ANSWERED and call.reply is not None:
             call.abandoned_at, call.gave_up_inferred = gave_up_at, True

@@ -18,9 +18,7 @@ OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.res
 
 
 class HandleSequence:
-    """The handles of one conversation. In each session, the controller gives successive numbers as
-    handles.
-    """
+    """The handles of one conversation. In each session, the controller gives successive numbers."""
 
     def __init__(self) -> None:
         self._last_handle = 0  # the last handle returned in this session
@@ -28,8 +26,8 @@ class HandleSequence:
         self._given: set[tuple[ObjectClass | None, int]] | None = None
 
     def add_call(self, call: Call) -> None:
-        """Add a settled call, and count the handles that the controller gave for its unanswered attempts.
-        Callers pass only calls of functions in `OPENERS`, which return handles.
+        """Add a settled call of a function in `OPENERS`, and count the handles that the controller gave for
+        its unanswered attempts.
         """
         if call.kind.function_id == _SERVICE_START:
             self._last_handle, self._given = 0, set()
@@ -47,7 +45,7 @@ class HandleSequence:
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
         """Return whether the client received the handle of an object that `call` opens, although no reply was
-        captured. In this case, the controller accepts a handle that no captured reply of the session gave.
+        captured: the controller accepts a handle that no captured reply of the session gave.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

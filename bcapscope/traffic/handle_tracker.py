@@ -90,12 +90,7 @@ class HandleTracker:
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
-        """Start without sessions.
-
-        Args:
-            max_ended: Maximum number of ended sessions that the tracker remembers. Beyond the limit, the
-                tracker drops the oldest session.
-        """
+        """Start without sessions. Only the latest `max_ended` ended sessions are remembered."""
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
@@ -123,9 +118,8 @@ class HandleTracker:
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
-        """Return the ended sessions in the order of their ends, then the open sessions.
-
-        In an open session, `unreleased` lists the objects that the client has not released so far.
+        """Return the ended sessions in the order of their ends, then the open sessions, whose `unreleased`
+        lists the objects that the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
@@ -238,9 +232,7 @@ def handle_in_reply(reply: FrameObservation | None) -> int | None:
 
 
 def _handles_made(call: Call) -> list[int]:
-    """Return all handles that the attempts of a call created. The client may not have received all of
-    them.
-    """
+    """Return all handles that the attempts of a call created, even if the client did not receive them."""
     replies = (*call.lost_replies, *call.late_replies, call.reply)
     given = [handle for reply in replies if (handle := handle_in_reply(reply)) is not None]
     accepted = handle_in_reply(call.reply)
@@ -249,9 +241,7 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply to the call reports success, including lost and late replies. A reply that was
-    not captured counts as success.
-    """
+    """Return whether any reply reports success. A reply that was not captured counts as success."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     if call.reply_not_captured:
         return True

@@ -120,7 +120,5 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event for an exact copy of an earlier frame. The capture times of both, in ns, decide which
-    event this is.
-    """
+    """Return the event for an exact copy of an earlier frame, from the capture times of both in ns."""
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

@@ -38,8 +38,7 @@ C/src/bCAPServer/bcap_server.c).
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
-    """For an open call without a reply, return the time, in ns since 1970, after which the call can get no
-    further frame.
+    """Return the time, in ns since 1970, after which an open call without a reply can get no further frame.
 
     Args:
         latest_answered: Highest number of an answered call of the conversation.
@@ -65,9 +64,8 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     The network reorders replies only within a short time. A call can also no longer be answered if the client
     gave it up before the capture ended, as the times between its attempts show.
 
-    Args:
-        open_calls: Open calls of the conversation, oldest first.
-        now: Time when the capture ends, ns since 1970; 0 if the capture ends with the conversation.
+    `open_calls` lists the oldest call first. `now` is the time when the capture ends, ns since 1970; 0 if the
+    capture ends with the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies

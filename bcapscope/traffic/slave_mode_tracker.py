@@ -154,8 +154,8 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the conversations of the clients in slave mode. A client is left out if the controller
-        refused the latest set point of this client.
+        """Yield the conversations of the clients in slave mode, except clients whose latest set point was
+        refused.
         """
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:

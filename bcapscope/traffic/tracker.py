@@ -36,8 +36,7 @@ _REQUEST = Direction.REQUEST
 
 
 class Tracker:
-    """Groups requests, retries, notices and replies into calls. The tracker uses bounded memory, for live and
-    for recorded traffic.
+    """Groups requests, retries, notices and replies into calls, in bounded memory.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
     this order. The tracker returns a call when this call can get no further frame, and no earlier call of the
@@ -119,8 +118,8 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that have become complete up to the time `now` (ns since 1970). A call can become
-        complete without a new observation.
+        """Return the calls that became complete up to the time `now`, ns since 1970, without a new
+        observation.
         """
         self._settle_expired(now)
         return self._pop_results()

@@ -36,11 +36,9 @@ def source_network(host: str) -> str:
 
 @dataclass(eq=False)
 class _PendingConnection:
-    """A connection without a complete frame.
+    """A connection without a complete frame, with all bytes that it has sent so far.
 
     Attributes:
-        source: Network of the client, as `source_network` returns it.
-        data: All bytes that the connection has sent so far.
         first_byte_at: Time in ns when the first byte arrived; 0 until then.
     """
 

@@ -12,7 +12,6 @@ class ByteBudget:
     """Counts the bytes that several buffers hold.
 
     Attributes:
-        limit: Maximum number of bytes that the buffers may hold together.
         held: Number of bytes that the buffers hold now.
     """
 

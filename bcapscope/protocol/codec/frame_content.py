@@ -53,8 +53,6 @@ class FrameContent:
     """The decoded content of a frame that has at least a header; decoding never raises.
 
     Attributes:
-        raw: The bytes of the frame.
-        framing: Kind of bytes between the last argument and EOT.
         body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
             bytes; the first nine bytes and EOT stay the same.
         code: Function id or HRESULT.

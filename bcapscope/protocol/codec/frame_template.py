@@ -41,8 +41,8 @@ MAX_SHAPES_PER_LENGTH = 8
 
 
 class _FrameShape:
-    """Positions of the numbers that vary in frames of one length. The serial and the reserved field always
-    vary. All other bytes identify the template.
+    """Positions of the numbers, the serial and the reserved field in frames of one length. All other bytes
+    identify the template.
     """
 
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
@@ -122,9 +122,7 @@ class FrameTemplate:
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the argument values of a frame that has these `numbers`. The result lacks the positions of
-        the arguments.
-        """
+        """Return the argument values of a frame that has these `numbers`, without their positions."""
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -139,8 +137,7 @@ class FrameTemplate:
 class FrameTemplates:
     """Decodes frames, and learns templates from these frames. The templates need only bounded memory.
 
-    A program that receives many frames passes the same `FrameTemplates` object to all these frames, which
-    makes decoding faster.
+    Decoding is fast if all frames of one source share one `FrameTemplates` object.
     """
 
     def __init__(self) -> None:
@@ -163,8 +160,8 @@ class FrameTemplates:
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
         """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        Programs often decode the same `raw` object several times in a row. The function therefore caches the
-        content of the last two frames without a template, usually a request and its reply.
+        Programs often decode the same `raw` object several times in a row. Therefore the content of the last
+        two frames without a template is cached, usually a request and its reply.
         """
         for content in self._recent:
             if content.raw is raw:
@@ -200,9 +197,7 @@ def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Return how many numbers each argument of a frame holds; 0 for a handle that precedes other
-    arguments.
-    """
+    """Return how many numbers each argument holds; 0 for a handle that precedes other arguments."""
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 

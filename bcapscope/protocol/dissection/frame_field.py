@@ -202,16 +202,12 @@ class _FieldBuilder:
         problems: tuple[Problem, ...] = (),
         children: Sequence[FrameField] = (),
     ) -> FrameField:
-        """Return a field. The problems of the field are the problems found in its bytes, followed by
-        `problems`.
-        """
+        """Return a field with the problems found in its bytes, followed by `problems`."""
         found = (*self.problems_within(start, stop), *problems)
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range, but ignore a value that is truncated at the end of the
-        range.
-        """
+        """Return the problems in a byte range, without that of a value truncated at its end."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:

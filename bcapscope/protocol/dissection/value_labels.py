@@ -173,9 +173,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join meanings into one text. The message with this `id` joins two texts at a time. If there are no
-    meanings, return "".
-    """
+    """Join meanings into one text, two at a time with the message `id`; "" if there are no meanings."""
     if not meanings:
         return ""
     *others, found = meanings

@@ -93,9 +93,8 @@ class LateReply:
     """A reply that the client discards, because it answers an earlier attempt or a call that has ended.
 
     Attributes:
-        reply: The late reply as received.
         time: Time in ns at which the late reply arrived.
-        sent: Time in ns at which the client sent the attempt; the late reply answers this attempt.
+        sent: Time in ns at which the client sent the attempt that the late reply answers.
     """
 
     reply: Frame
@@ -105,9 +104,7 @@ class LateReply:
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedItem:
-    """Something that the client discards: a stray reply, an incomplete frame, or bytes that are not a
-    frame.
-    """
+    """A stray reply, an incomplete frame, or bytes that are not a frame. The client discards it."""
 
     item: Frame | Malformed
     time: int
@@ -217,10 +214,7 @@ class Requester:
             )
 
     def record_send_error(self, reason: Message, now: int) -> None:
-        """Record an error of the operating system, such as a closed port, for the newest attempt.
-
-        Retries continue.
-        """
+        """Record an error of the operating system, such as a closed port. Retries continue."""
         if self.call_in_progress:
             self._open_attempts[-1].events.append(AttemptEvent(now, reason))
 
@@ -235,9 +229,7 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives afterwards is a late
-        reply.
-        """
+        """Give up the call in progress and return its attempts. A reply after that is a late reply."""
         self._deadline = None
         return self._attempt_snapshots()
 

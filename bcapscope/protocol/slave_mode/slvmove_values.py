@@ -163,9 +163,7 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose if the value is a float array of exactly the right length, which is the usual case;
-    otherwise None.
-    """
+    """Return the pose if the value is a float array of exactly the right length, as usual; otherwise None."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -175,9 +173,7 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array. Any other value, and a VARIANT array that is a pose, counts as
-    one element.
-    """
+    """Return the elements of a VARIANT array. A pose, even as a VARIANT array, counts as one element."""
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
         return (variant,)
@@ -214,9 +210,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return at least one possible arrangement of the elements in a set point, the most likely arrangement
-    first.
-    """
+    """Return the possible arrangements of the elements in a set point, at least one, most likely first."""
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -238,9 +232,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return at least one possible arrangement of the elements in a result, the most likely arrangement
-    first.
-    """
+    """Return the possible arrangements of the elements in a result, at least one, most likely first."""
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -265,9 +257,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Give the value of each element its name from the arrangement `layout`, in order. The kind of an element
-    determines the type of the value: a tuple of numbers, an integer, or bytes. Also return problems: missing
-    elements and superfluous elements.
+    """Name the values of the elements by the arrangement `layout`, in order. The kind of an element
+    determines the type of the value: a tuple of numbers, an integer, or bytes. Also return the problems.
     """
     named: dict[str, Any] = {}
     problems: list[Message] = []
@@ -303,9 +294,7 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
 
 
 def _is_valid_user_io(run: UserIO) -> bool:
-    """Return whether offset and size of a range are possible for user I/O. An offset of more than 16 bits is
-    unlikely.
-    """
+    """Return whether a range is possible for user I/O. An offset of more than 16 bits is unlikely."""
     return (
         128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
     )

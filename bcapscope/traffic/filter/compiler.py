@@ -143,7 +143,7 @@ class _ElapsedTime:
         self._noted: int | None = None
 
     def note(self, record: object) -> bool:
-        """If this record is the first record, start `t` at the time of this record. Return True."""
+        """If this record is the first record, start `t` at its time. Return True."""
         time = self._time_of(record)
         if self._noted is None and isinstance(time, int):
             self._noted = time
@@ -169,9 +169,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, such as a
-    comparison. The method returns the test of this construct.
-    """
+    """Recursive-descent parser. Each method `parse_...` consumes one construct and returns its test."""
 
     def __init__(self, expression: str, kind: RecordKind, getters: Getters) -> None:
         self.expression = expression
@@ -310,9 +308,7 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. If there is no comparison sign, the filter selects
-        records whose field is true.
-        """
+        """Consume a comparison sign and its operand. Without a sign, the field itself is the condition."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

@@ -126,9 +126,7 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 
 
 def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], object]:
-    """Return a getter for an address. If a call was captured on both legs of a proxy, the getter returns the
-    address on each leg.
-    """
+    """Return a getter for the address on one leg, or on both legs of a proxy."""
 
     def get(call: Call) -> object:
         near, far = call.conversation, call.conversation.controller_leg

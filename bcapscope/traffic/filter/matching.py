@@ -56,8 +56,7 @@ def element(value: object, index: int) -> object:
 
 
 def elements(value: object) -> Sequence[object]:
-    """Return the elements of a list, or an empty sequence for any other value. A bytes value is a list of
-    numbers."""
+    """Return the elements of a list; () for any other value. A bytes value is a list of numbers."""
     if type(value) is tuple:
         return value
     value = plain_value(value)
@@ -107,8 +106,8 @@ def _is_code(value: object) -> TypeGuard[int]:
 
 
 def endpoint(address: Address, port: int | None) -> Match:
-    """Return a test for the IP address `address` and the port `port`. If `port` is None, any port matches. A
-    call through a proxy has one address per leg in a tuple; one of these addresses must match.
+    """Match an IP address and a port, or any port if `port` is None. A call through a proxy has one address
+    per leg in a tuple; one of these addresses must match.
     """
 
     def match(value: object) -> bool | None:
@@ -123,8 +122,7 @@ def endpoint(address: Address, port: int | None) -> Match:
 
 
 def parse_endpoint(value: str | Endpoint) -> tuple[Address, int | None] | None:
-    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; return None for other
-    text."""
+    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; None for other text."""
     written = str(value)
     return _parse_endpoint(written) if len(written) <= _LONGEST_REMEMBERED else None
 
@@ -195,17 +193,13 @@ def all_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Return a test that compares a number with `wanted` by a sign such as <. NaN and values of other types
-    never match.
-    """
+    """Compare a number with `wanted` by a sign such as <. NaN and values of other types never match."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Return a test that compares an HRESULT with `wanted` by a sign such as <. The HRESULT is compared as a
-    signed or unsigned number.
-    """
+    """Compare an HRESULT, as a signed or unsigned number, with `wanted` by a sign such as <."""
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip
@@ -221,7 +215,7 @@ def contains(wanted: str | int | float) -> Match:
 
 
 def _has_number(wanted: int | float) -> Match:
-    """Return a test that is true for a list that contains the number `wanted`.
+    """Match a list that contains the number `wanted`.
 
     A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
     therefore uses C code of the interpreter, which searches 65,536 numbers in a millisecond. All elements of
@@ -242,7 +236,7 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Return a test that searches a text, or each text in a list, for a regular expression.
+    """Match a text, or a list with a text, that contains a regular expression.
 
     With any regular expression, RE2 needs a time proportional to the length of the text.
 

@@ -39,7 +39,7 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The facts about the left side of a comparison that the compiler of the right side needs.
+    """The left side of a comparison.
 
     Attributes:
         expression: The whole filter expression, for error messages.
@@ -55,9 +55,7 @@ class ComparedField(NamedTuple):
     start: int
 
     def mismatch(self, case: str, **places: str) -> Message:
-        """Return the message whose id is ``filter.`` followed by `case`. The message contains the names of
-        the field and of its type.
-        """
+        """Return the message ``filter.`` + `case`, with the names of the field and of its type."""
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
@@ -128,9 +126,7 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message if the field's table lacks a value. The message contains the most similar value of the
-    table.
-    """
+    """Yield a message if the field's table lacks a value, with the most similar value of the table."""
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)
@@ -158,7 +154,6 @@ def check_literal(compared: ComparedField, token: Token) -> None:
 
 
 def int_of(token: Token) -> int:
-    """Return the integer part of a decimal or hexadecimal number token."""
     return int(token.text, 16) if _is_hex(token) else math.trunc(Fraction(token.text))
 
 

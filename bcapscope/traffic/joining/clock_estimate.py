@@ -81,9 +81,7 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for clocks whose drift changes: a curve through the middle of each segment's
-        bounds.
-        """
+        """Return an estimate for clocks whose drift changes: a curve between the bounds of each segment."""
         most, least = self._most.lowest, self._least.lowest
         middles, error = {}, 0
         for segment in sorted(most.keys() & least.keys()):
@@ -186,9 +184,7 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound`, searched from `sound`, at which the concave function `value` is
-    not negative.
-    """
+    """Return the number nearest to `bound` at which the concave function `value` is not negative."""
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

@@ -8,9 +8,7 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
-    """A queue of observations, ordered by time, then by number. An observation waits in the queue as long as
-    an earlier observation can still be added.
-    """
+    """Observations that wait until no earlier observation can be added; ordered by time, then by number."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, Observation]] = []

@@ -59,7 +59,6 @@ class FrameSample:
     """A sample of the frames of one capture.
 
     Attributes:
-        count: Number of frames in the sample.
         frames: Maps a conversation, a direction and the bytes of a frame to the time of the first such frame.
     """
 

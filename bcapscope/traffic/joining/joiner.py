@@ -228,9 +228,7 @@ class Joiner(LegJoiner):
         self._recent_count = 0
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request; return the conversations that sent the same request
-        before.
-        """
+        """Remember the conversation of a request; return those that sent the same request before."""
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -245,9 +243,7 @@ class Joiner(LegJoiner):
             self._join(*twins)
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its second leg. If there is no second leg, return the observations of the
-        conversation unjoined.
-        """
+        """Join a conversation with its second leg, or release it if there is no second leg."""
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)
@@ -283,12 +279,10 @@ class Joiner(LegJoiner):
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the two legs that include the new conversation, the client's leg first; None if there is no
-        second leg.
+        """Return the two legs, the client's leg first; None if there is no second leg.
 
         Args:
-            calls: Minimum number of nested calls that prove a second leg; 0 to use the result of
-                `fewest_calls`.
+            calls: Minimum number of nested calls that prove a second leg; 0 to use `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:
@@ -306,8 +300,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the traffic that waits in a conversation without a second leg; None if no traffic waits.
-        This traffic waits because a newer conversation may be the second leg.
+        """Return the traffic of a conversation without a second leg that waits behind a newer conversation;
+        None if no traffic waits.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.

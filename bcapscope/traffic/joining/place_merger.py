@@ -108,10 +108,9 @@ class PlaceMerger:
         """Start without observations.
 
         Args:
-            deliver: Function that receives each joined observation. The function does not receive the
-                observations in order of time; see `earliest_pending`.
+            deliver: Function that receives each joined observation, but not in order of time; see
+                `earliest_pending`.
             notes_of: Function that returns the notes on a sighting. A proxy notes what it changed.
-            twins: Facts about the captures of both places.
         """
         self.conversation = conversation
         self._deliver = deliver
@@ -128,9 +127,7 @@ class PlaceMerger:
 
     @property
     def earliest_pending(self) -> int | None:
-        """Time of the earliest frame that is not delivered yet, ns since 1970; None if all frames are
-        delivered.
-        """
+        """Time of the earliest frame that is not delivered yet, ns since 1970; None if there is none."""
         pending = self._pending
         while pending and pending[0].is_resolved:
             pending.popleft()
@@ -220,9 +217,7 @@ class PlaceMerger:
         )
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the capture at the other place was running when this frame should have passed that
-        place.
-        """
+        """Return whether the capture at the other place ran when this frame should have passed it."""
         is_relayed = self._twins.is_relayed
         if not is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
@@ -249,9 +244,7 @@ class PlaceMerger:
                 del self._by_bytes[key]
 
     def _find_changed(self, waiting: _Waiting) -> _Waiting | None:
-        """Return the frame that was captured at the other place with the same serial and direction, but
-        different bytes.
-        """
+        """Return the frame at the other place with the same serial and direction, but other bytes."""
         direction = waiting.observation.flow.direction
         serial = _serial_of(waiting.observation)
         if serial is None:
@@ -271,9 +264,7 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """If a sighting belongs to a request that already counted as lost, add the sighting to this request
-        and return True.
-        """
+        """Add a sighting to the request that counted as lost; return False if there is no such request."""
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False
