@@ -17,11 +17,13 @@ from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts,
 from bcapscope.traffic.frame_index import FrameIndexes
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Direction, Transport
-from bcapscope.traffic.pairing_limits import FRAME_COST, LARGE_CALL, MAX_EXTRA_FRAMES
 from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent, copy_event
 from bcapscope.traffic.pairing_windows import (
     COPIES_WITHIN_NS,
+    FRAME_COST,
+    LARGE_CALL,
     LATE_WITHIN_NS,
+    MAX_EXTRA_FRAMES,
     RETRY_WITHIN_NS,
     mark_unanswerable,
     unanswered_settles_at,

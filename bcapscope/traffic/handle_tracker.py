@@ -114,7 +114,11 @@ class HandleTracker:
             parent = "" if target is None else target.label
             client.add_created(call, function.creates, requested_name(call, function), parent)
         elif function.releases is not None and (_succeeded(call) or call.evicted):
-            self._release_object(client, function.releases, target)
+            if function.releases is ObjectClass.SERVICE:
+                self._ended_sessions.append(client.to_session(SessionEnding.STOPPED))
+                client.start_session(None)
+            elif target is not None:
+                del client.objects[function.releases, target.handle]
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
@@ -143,15 +147,6 @@ class HandleTracker:
     def _end_session(self, client: _ClientObjects, ending: SessionEnding) -> None:
         if client.has_session:
             self._ended_sessions.append(client.to_session(ending))
-
-    def _release_object(
-        self, client: _ClientObjects, object_class: ObjectClass, target: TrackedObject | None
-    ) -> None:
-        if object_class is ObjectClass.SERVICE:
-            self._ended_sessions.append(client.to_session(SessionEnding.STOPPED))
-            client.start_session(None)
-        elif target is not None:
-            del client.objects[object_class, target.handle]
 
 
 class _ClientObjects:

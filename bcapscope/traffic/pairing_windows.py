@@ -1,4 +1,6 @@
-"""Time windows of `ConversationPairing`. A window is the time in which a call can get further frames."""
+"""Time windows and memory limits of `ConversationPairing`. A window is the time in which a call can get
+further frames.
+"""
 
 from __future__ import annotations
 
@@ -35,6 +37,19 @@ EXECUTION_NS = 180_000_000_000
 the InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
+
+MAX_EXTRA_FRAMES = 65536
+"""Maximum number of retries, notices and further replies in all open calls of a conversation together. These
+frames take about 30 MB of memory. If a call exceeds the limit, this call and all earlier calls are evicted.
+Further frames of the evicted call start another call. The older C client retries without end (start-jsk/denso
+b-Cap.c). A client that retries every 20 ms without end reaches the limit within 22 minutes.
+"""
+
+FRAME_COST = 512
+"""Overhead of a frame in bytes."""
+
+LARGE_CALL = 64 * 1024
+"""Maximum size in bytes of a settled call that `ConversationPairing` keeps as the newest call."""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
