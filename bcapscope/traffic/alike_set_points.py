@@ -20,9 +20,7 @@ class AlikeSetPoints:
 
     def __init__(self) -> None:
         self._templates: tuple[FrameTemplate, FrameTemplate] | None = None
-        """The template for the requests and the template for the replies of the current run; None if there is
-        no run.
-        """
+        """The templates of the requests and of the replies in the current run; None if there is no run."""
 
     def continues(self, call: Call) -> bool:
         """Return whether a call belongs to the current run."""

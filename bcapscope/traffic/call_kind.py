@@ -11,9 +11,8 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes that `CallKinds` remembers, each with its call kind. Beyond this limit,
-`CallKinds` drops all prefixes and learns them again. A session has a few dozen prefixes: one per pair of
-handle and command.
+"""Maximum number of request prefixes that `CallKinds` remembers. Beyond this limit, it learns them again. A
+session has a few dozen prefixes: one per pair of handle and command.
 """
 
 MAX_SERIALS = 1024
@@ -23,15 +22,13 @@ a set point every millisecond.
 """
 
 MAX_CONVERSATIONS = 256
-"""Maximum number of conversations whose requests are remembered. Beyond the limit, the conversation with the
-longest silence is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
+"""Maximum number of conversations that are remembered. Beyond the limit, the conversation with the longest
+silence is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
 LONGEST_NAME = 256
-"""Maximum number of characters of a command's or object's name that bcapscope keeps. If a name is longer, the
-character … replaces all further characters. Real names are far shorter.
-"""
+"""Maximum number of characters of a command's or object's name. Real names are far shorter."""
 
 COMMAND_FUNCTIONS = frozenset(
     function.id

@@ -24,9 +24,7 @@ computer. The client may already be preparing the retry when the reply arrives.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Time in ns that a round trip to the client is assumed to take, unless the traffic shows a shorter time.
-Factory networks delay a frame by milliseconds.
-"""
+"""Assumed time in ns of a round trip to the client. Factory networks delay a frame by milliseconds."""
 
 _REACTIONS = 3  # minimum number of reactions, because a single short reaction can be a coincidence
 _MARGIN = 2  # factor for the shortest round trips, because other round trips take longer

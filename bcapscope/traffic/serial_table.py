@@ -6,9 +6,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials in the table. For each reused serial, also the maximum number of
-unanswered TCP requests.
-"""
+"""Maximum number of reused serials, and of unanswered TCP requests for each of them."""
 
 MAX_SETTLED_SERIALS = 1024
 """The table remembers at least this number of serials of settled calls, and at most twice this number."""

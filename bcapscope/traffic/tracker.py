@@ -28,9 +28,7 @@ stays within this limit.
 """
 
 SWEEP_NS = 50_000_000
-"""Time in ns between two searches for settled calls, measured by the times of the observations. Users do not
-notice that calls are completed up to 50 ms late.
-"""
+"""Time in ns between two searches for settled calls, by the times of the observations."""
 
 _REQUEST = Direction.REQUEST
 

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A larger gap in the serials has another
-cause, such as a restart of the client.
+"""Maximum number of successive attempts that were not captured. A restart of the client causes larger gaps.
 """
 
 

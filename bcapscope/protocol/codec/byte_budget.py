@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
-"""Default limit, in bytes, for all unfinished frames and out-of-order segments in one process: enough for two
-frames of maximum size.
-"""
+"""Default limit, in bytes, for all buffers of one process: two frames of maximum size."""
 
 
 class ByteBudget:

@@ -22,19 +22,15 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template in which one argument holds all numbers: the values before this argument, the function that
-fills the argument, its prototype, and the values after the argument.
+"""If one argument holds all numbers: the values before it, its filler, its prototype, and the values after
+it.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
-"""Size in bytes of the largest frame that gets a template. Longer frames are rare, and their templates would
-take much memory.
-"""
+"""Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` object keeps. When the maximum is reached, the
-`FrameTemplates` object drops all its templates and learns new templates.
-"""
+"""Maximum number of templates of a `FrameTemplates` object. Beyond this limit, it learns them again."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of `_FrameShape` objects that `FrameTemplates` tries for one frame length."""

@@ -28,9 +28,7 @@ With this limit, a corrupted length field delays at most 64 KiB of the stream in
 """
 
 LARGEST_GARBAGE = 64 * 1024
-"""Maximum size in bytes of a piece of garbage. Garbage is bytes that belong to no frame. The splitter returns
-longer garbage in several pieces, so that garbage does not fill the memory.
-"""
+"""Maximum size in bytes of a piece of garbage: bytes that belong to no frame."""
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
@@ -48,9 +46,7 @@ examine the same bytes many times.
 """
 
 _TAILS = (1, 2, 3)
-"""Possible numbers of bytes after the last argument: 1 for EOT, 2 for mode byte and EOT, 3 for CRC and
-EOT.
-"""
+"""Possible numbers of bytes after the last argument: EOT, mode byte and EOT, CRC and EOT."""
 
 
 class StreamPiece(NamedTuple):

@@ -39,9 +39,7 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the field for superfluous bytes: bytes of an argument that do not belong to the argument's
-value.
-"""
+"""Name of the field for the bytes of an argument that do not belong to its value."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame

@@ -76,8 +76,7 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""Labels of the elements for each field of `SetPoint` and `Feedback`, whose fields have the same order as the
-elements.
+"""Labels of the elements for the fields of `SetPoint` and `Feedback`, which have the order of the elements.
 """
 
 

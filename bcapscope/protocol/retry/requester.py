@@ -30,9 +30,7 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
 _REMEMBERED_ATTEMPTS = 32
-"""Number of attempts of earlier calls that a `Requester` remembers, to distinguish late replies from stray
-replies.
-"""
+"""Number of remembered attempts of earlier calls, to distinguish late replies from stray replies."""
 
 _LAST_SERIAL = 0xFFFF
 _UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)

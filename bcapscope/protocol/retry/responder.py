@@ -67,9 +67,7 @@ class RequestKind(Enum):
     abandoned call has this kind too, but never gets a reply.
     """
     BUSY = "busy"
-    """A new call that arrives while another call is running. The caller may refuse the new call with
-    `Responder.reply_unremembered`.
-    """
+    """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,9 +26,7 @@ _RECEIVE_BITS = {"timestamp": 0x010, "current": 0x040, **_SEND_BITS}
 """Bit of each field of a format, by the field's name."""
 
 _UNDOCUMENTED_BIT = 0x400
-"""Bit that open-source clients set in the send format 0x620. No public source documents the meaning of this
-bit.
-"""
+"""Bit that open-source clients set in the send format 0x620. No public source says what it means."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,7 @@ from enum import StrEnum
 from bcapscope.messages import Message
 
 PERIOD_MS = 8
-"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle. Other
-modules use this constant for all times that depend on the cycle time.
-"""
+"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle."""
 
 PERIOD_NS = PERIOD_MS * 1_000_000
 

@@ -86,9 +86,7 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, token
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Maximum depth of nested parentheses. Real expressions are nested far less deeply, and Python's recursion
-limit is far higher.
-"""
+"""Maximum depth of nested parentheses, far below Python's recursion limit."""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]

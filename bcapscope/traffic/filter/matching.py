@@ -36,9 +36,8 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Maximum length in characters of a text whose test result is cached. Names, commands and endpoints recur,
-and are shorter than this length. Longer texts are not cached, so that a hostile client cannot fill the
-memory.
+"""Maximum length in characters of a text whose test result is cached, so that a hostile client cannot fill
+the memory. Names, commands and endpoints are shorter.
 """
 
 

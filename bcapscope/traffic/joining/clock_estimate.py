@@ -12,9 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 SEGMENT_NS = 10_000_000_000
-"""Length in ns of a time segment. The offset of the clocks is estimated for each segment. Over this time,
-clocks drift apart by less than 2 ms even at 200 ppm.
-"""
+"""Length in ns of a time segment. In this time, clocks drift apart by less than 2 ms even at 200 ppm."""
 
 MAX_DRIFT = 200e-6
 """Maximum drift between two clocks, as a ratio. The quartz of a PC is off by at most 100 ppm."""

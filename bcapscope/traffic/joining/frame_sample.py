@@ -9,9 +9,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Observation, Transport
 
 SAMPLE_FRAMES = 2048
-"""Maximum number of frames in a sample. At a cycle time of 8 ms and two frames per cycle, the sample covers 8
-s.
-"""
+"""Maximum number of frames in a sample: 8 s at a cycle time of 8 ms and two frames per cycle."""
 
 FEWEST_SHARED = 4
 """Minimum number of equal frames in two samples of the same conversation."""

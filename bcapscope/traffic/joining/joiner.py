@@ -20,9 +20,7 @@ from bcapscope.traffic.joining.twin_recognition import (
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation
 
 HELD_NS = 1_000_000_000
-"""Maximum time in ns for which the traffic of a new conversation is held. While the traffic is held,
-bcapscope looks for a conversation that is the other leg of the proxy.
-"""
+"""Maximum time in ns for which a new conversation is held while the joiner looks for its other leg."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
 """Maximum time in ns for which a conversation without any reply is held. The proxy may have dropped the first
@@ -30,17 +28,14 @@ requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN
 """
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait because earlier observations may follow. Beyond this
-limit, bcapscope stops waiting for counterparts of the held conversations.
-"""
+"""Maximum number of waiting observations. Beyond this limit, all held conversations are decided at once."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a conversation counts as direct traffic, not as the leg of a proxy. No
-other conversation may have the same requests. A proxy forwards a request before it receives the reply. With a
-proxy, the request would have been captured twice before the reply.
+"""Number of answered calls after which a conversation counts as direct traffic if no other conversation has
+the same requests. A proxy would have forwarded each request before its reply.
 """
 
 MAX_NEW = 1024
@@ -50,9 +45,7 @@ MAX_SUSPECTS = 32
 """Maximum number of conversations with which the joiner compares one new conversation."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that the joiner remembers. Beyond this limit, the joiner forgets all
-conversations, and must recognise them again.
-"""
+"""Maximum number of conversations that the joiner remembers. Beyond this limit, it forgets all of them."""
 
 MAX_JOINED = 256
 """Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest conversation.

@@ -14,25 +14,19 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObs
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns between the two sightings of a frame. A frame that the other place has not captured
-after this time counts as lost between the two places. The delay faults of a proxy last less than this
-time.
+"""Maximum time in ns between the two sightings of a frame. After this time, a frame counts as lost between
+the two places. The delay faults of a proxy last less than this time.
 """
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for their sighting at the other place. Beyond this limit, the oldest
-frame is delivered without its second sighting.
+"""Maximum number of frames that wait for their second sighting. Beyond this limit, the oldest waits no more.
 """
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames with which the merger compares one frame, if a proxy may have changed this
-frame.
-"""
+"""Maximum number of waiting frames with which a frame is compared that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that the merger remembers. The merger thus recognises a lost frame if the
-other place captures the frame later. An example is a held message that the proxy's user released.
-"""
+"""Maximum number of lost frames that are remembered, such as held messages that a user may still release."""
 
 
 @dataclass(frozen=True, slots=True)

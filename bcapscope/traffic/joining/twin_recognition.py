@@ -16,9 +16,7 @@ calls in a row are very unlikely without a proxy.
 """
 
 FEWEST_CALLS = 2
-"""If no further calls follow, this number of nested calls proves that two conversations are the legs of a
-proxy.
-"""
+"""This number of nested calls is a proof if no further calls follow."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
