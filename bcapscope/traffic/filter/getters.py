@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from operator import attrgetter
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, Problem
@@ -135,33 +136,26 @@ def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], objec
     return get
 
 
+_CALL_ATTRIBUTES = (
+    "function command hresult serials retries unseen_retries outcome latency rtt convention verdict"
+)
 CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "call": lambda call: call.number,
     "client": _of_legs(lambda conversation: conversation.client),
     "server": _of_legs(lambda conversation: conversation.server),
     "transport": lambda call: call.conversation.transport,
     "function_id": lambda call: call.kind.function_id,
-    "function": lambda call: call.function,
-    "command": lambda call: call.command,
     "arg": lambda call: call.request.item.arguments,
-    "hresult": lambda call: call.hresult,
     "hresult_name": _of_hresult(hresult_name),
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
     "started": lambda call: call.request.time,
     "requests": lambda call: [seen.number for seen in call.attempts],
-    "serials": lambda call: call.serials,
-    "retries": lambda call: call.retries,
-    "unseen_retries": lambda call: call.unseen_retries,
     "replies": lambda call: [] if call.reply is None else [call.reply.number],
     "late_replies": lambda call: [seen.number for seen in call.late_replies],
     "lost_replies": lambda call: [seen.number for seen in call.lost_replies],
     "executing": lambda call: len(call.notices),
     "duplicates": lambda call: [seen.number for seen in call.duplicates],
     "captured_again": lambda call: [seen.number for seen in call.captured_again],
-    "outcome": lambda call: call.outcome,
-    "latency": lambda call: call.latency,
-    "rtt": lambda call: call.rtt,
-    "convention": lambda call: call.convention,
-    "verdict": lambda call: call.verdict,
+    **{name: attrgetter(name) for name in _CALL_ATTRIBUTES.split()},
 }
 """Getter of each call field, by name."""

@@ -191,7 +191,9 @@ class Joiner(LegJoiner):
         if new.answered >= OWN_CALLS and not new.suspects:
             self._release(new)
         elif new.answered >= ENOUGH_CALLS and new.answered % ENOUGH_CALLS == 0:
-            self._decide_if_proved(new)
+            twins = self._best_twins(new, ENOUGH_CALLS)
+            if twins is not None:
+                self._join(*twins)
         if len(new.held) >= HELD_FRAMES and conversation in self._new:
             self._decide(new)
 
@@ -229,11 +231,6 @@ class Joiner(LegJoiner):
         if len(senders) < MAX_SENDERS:
             senders[request.flow.conversation] = None
         return others
-
-    def _decide_if_proved(self, new: _NewConversation) -> None:
-        twins = self._best_twins(new, ENOUGH_CALLS)
-        if twins is not None:
-            self._join(*twins)
 
     def _decide(self, new: _NewConversation) -> None:
         """Join a conversation with its second leg, or release it if there is no second leg."""

@@ -111,7 +111,6 @@ class PlaceMerger:
         self._notes_of = notes_of
         self._twins = twins
         self._flows = {direction: Flow(conversation, direction) for direction in Direction}
-        self._known_flows: set[Direction] = set()
         self._pending: deque[_Waiting] = deque()
         self._by_bytes: dict[tuple[Direction, bytes], list[_Waiting]] = {}
         self._overdue: dict[tuple[Direction, bytes], JoinedObservation] = {}
@@ -130,17 +129,14 @@ class PlaceMerger:
     def add(self, observation: Observation, place: CapturePlace) -> None:
         """Add the next observation that was captured at `place`."""
         flow = observation.flow
-        if flow.conversation is self.conversation and flow.direction not in self._known_flows:
-            self._known_flows.add(flow.direction)
+        if flow.conversation is self.conversation:
             self._flows[flow.direction] = flow
         key = flow.direction, observation.item.raw
         others = self._by_bytes.get(key)
         if others is not None:
             twin = next((each for each in others if each.place is not place), None)
             if twin is not None:
-                others.remove(twin)
-                if not others:
-                    del self._by_bytes[key]
+                self._forget(key, twin)
                 self._join(twin, place, observation)
                 return
         elif self._overdue and self._complete_overdue(key, place, observation):
