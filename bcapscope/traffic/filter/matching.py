@@ -157,6 +157,9 @@ def equality(wanted: Sequence[Match], negated: bool) -> Match:
     """
     if not negated:
         return any_of(wanted)
+    if len(wanted) == 1:
+        (only,) = wanted
+        return lambda value: only(value) is False
 
     def match(value: object) -> bool:
         results = {equal(value) for equal in wanted}
