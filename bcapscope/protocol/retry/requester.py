@@ -130,6 +130,9 @@ class Requester:
 
     Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, unless the program gives the call up
     with `abandon`.
+
+    Attributes:
+        deadline: Time in ns at which the program must use `handle_timeout`; None without a call in progress.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
@@ -151,18 +154,13 @@ class Requester:
         self._policy = RetryPolicy(0, 0)
         self._open_attempts: list[_OpenAttempt] = []
         self._earlier_attempts: deque[_OpenAttempt] = deque(maxlen=_REMEMBERED_ATTEMPTS)
-        self._deadline: int | None = None
+        self.deadline: int | None = None
         self._outgoing: list[bytes] = []
         self._events: list[RequesterEvent] = []
 
     @property
     def call_in_progress(self) -> bool:
-        return self._deadline is not None
-
-    @property
-    def deadline(self) -> int | None:
-        """Time in ns at which the program must use `handle_timeout`; None while no call is in progress."""
-        return self._deadline
+        return self.deadline is not None
 
     def start_call(
         self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
@@ -203,10 +201,10 @@ class Requester:
         if not self.call_in_progress or attempt is not self._open_attempts[-1]:
             self._events.append(LateReply(item, now, attempt.sent))
         elif item.code == S_EXECUTING:
-            self._deadline = now + self._policy.timeout
+            self.deadline = now + self._policy.timeout
             self._events.append(CallExecuting(item))
         else:
-            self._deadline = None
+            self.deadline = None
             self._events.append(
                 (CallRefused if is_failure(item.code) else CallAnswered)(item, self._attempt_snapshots())
             )
@@ -218,17 +216,17 @@ class Requester:
 
     def handle_timeout(self, now: int) -> None:
         """Send a retry, or end the call, if the deadline of the newest attempt has passed."""
-        if self._deadline is None or now < self._deadline:
+        if self.deadline is None or now < self.deadline:
             return
         if len(self._open_attempts) <= self._policy.retries:
             self._send_attempt(now)
         else:
-            self._deadline = None
+            self.deadline = None
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
         """Give up the call in progress and return its attempts. A reply after that is a late reply."""
-        self._deadline = None
+        self.deadline = None
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
@@ -246,7 +244,7 @@ class Requester:
         self._serial = serial + 1 if serial < _LAST_SERIAL else 1
         attempt = _OpenAttempt(serial, self._reserved_for(serial), now)
         self._open_attempts.append(attempt)
-        self._deadline = now + self._policy.timeout
+        self.deadline = now + self._policy.timeout
         self._outgoing.append(with_serial_and_reserved(self._request_bytes, serial, attempt.reserved))
 
     def _reserved_for(self, serial: int) -> int:

@@ -127,8 +127,6 @@ class Joiner(LegJoiner):
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
         self._senders: dict[bytes, dict[Conversation, None]] = {}
-        self._recent: dict[Conversation, list[Observation]] = {}
-        self._recent_count = 0
         self._captured_twins: dict[CapturedTwins, PlaceMerger] = {}
         self._next_due = 0
 
@@ -148,8 +146,8 @@ class Joiner(LegJoiner):
         if flow.conversation in self._single:
             self._single_flows.add(flow)
             self._queue.add(observation)
-            if self._new:
-                self._note_recent(observation)
+            if self._new and flow.direction is _REQUEST:
+                self._note_sender(observation)
         elif flow.conversation not in self._hidden:
             self._add_new(observation)
 
@@ -207,20 +205,6 @@ class Joiner(LegJoiner):
                 other.add_suspect(new.conversation)
             if other is not None or sender in self._single:
                 new.add_suspect(sender)
-
-    def _note_recent(self, observation: Observation) -> None:
-        """Remember an observation of a conversation without a second leg while new conversations are held."""
-        if self._recent_count >= MAX_WAITING:
-            self._forget_recent()
-        self._recent_count += 1
-        self._recent.setdefault(observation.flow.conversation, []).append(observation)
-        if observation.flow.direction is _REQUEST:
-            self._note_sender(observation)
-
-    def _forget_recent(self) -> None:
-        self._recent.clear()
-        self._senders.clear()
-        self._recent_count = 0
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
         """Remember the conversation of a request; return those that sent the same request before."""
@@ -296,11 +280,11 @@ class Joiner(LegJoiner):
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
         """
-        recent = self._recent.get(conversation)
-        if recent is None or conversation not in self._single:
+        waiting = self._queue.find(conversation) if conversation in self._single else []
+        if not waiting:
             return None
-        traffic = _NewConversation(recent[0])
-        traffic.held = recent[-HELD_FRAMES:]
+        traffic = _NewConversation(waiting[0])
+        traffic.held = waiting[-HELD_FRAMES:]
         return traffic
 
     def _release(self, new: _NewConversation) -> None:
@@ -318,7 +302,7 @@ class Joiner(LegJoiner):
     def _drop_new(self, conversation: Conversation) -> None:
         self._new.pop(conversation, None)
         if not self._new:
-            self._forget_recent()
+            self._senders.clear()
 
     def _pop_due(self) -> list[Observation]:
         now = self._now

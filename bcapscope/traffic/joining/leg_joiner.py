@@ -45,12 +45,17 @@ class DeliveryQueue:
             due.append(heapq.heappop(waiting)[2])
         return due
 
+    def find(self, conversation: Conversation) -> list[Observation]:
+        """Return the observations of a conversation, in order of time."""
+        found = [each for each in self._waiting if each[2].flow.conversation is conversation]
+        return [observation for _, _, observation in sorted(found)]
+
     def remove(self, conversation: Conversation) -> list[Observation]:
         """Remove and return the observations of a conversation, in order of time."""
-        removed = [each for each in self._waiting if each[2].flow.conversation is conversation]
+        removed = self.find(conversation)
         self._waiting = [each for each in self._waiting if each[2].flow.conversation is not conversation]
         heapq.heapify(self._waiting)
-        return [observation for _, _, observation in sorted(removed)]
+        return removed
 
     def pop_all(self) -> list[Observation]:
         due = [each for _, _, each in sorted(self._waiting)]
