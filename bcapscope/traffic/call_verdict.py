@@ -190,17 +190,12 @@ def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
     """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
-    return all(
-        _may_cross(attempts, bisect_left(times, reply.time), reply, call.crossing_ns) for reply in replies
-    )
-
-
-def _may_cross(
-    attempts: Sequence[FrameObservation], next_index: int, reply: FrameObservation, crossing_ns: int
-) -> bool:
-    if next_index == len(attempts):
-        return False
-    after = attempts[next_index]
-    return after.time - reply.time <= crossing_ns or bool(
-        skipped_serials(reply.item.serial, after.item.serial)
-    )
+    for reply in replies:
+        index = bisect_left(times, reply.time)
+        if index == len(attempts):
+            return False
+        after = attempts[index]
+        is_soon = after.time - reply.time <= call.crossing_ns
+        if not is_soon and not skipped_serials(reply.item.serial, after.item.serial):
+            return False
+    return True

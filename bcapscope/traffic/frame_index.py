@@ -33,7 +33,9 @@ class FrameIndex:
         if role in (FrameRole.REQUEST, FrameRole.RETRY):
             self.sent_at[frame.raw] = observation.time
             self.reserved_by_serial[frame.serial] = frame.reserved
-        elif role in _REPLIES and not _was_lost_between(observation):
+        elif role in _REPLIES and not (
+            isinstance(observation, JoinedObservation) and observation.was_lost_between
+        ):
             self.received_at[frame.raw] = observation.time
 
 
@@ -43,7 +45,3 @@ class FrameIndexes(dict[Call, FrameIndex]):
     def __missing__(self, call: Call) -> FrameIndex:
         index = self[call] = FrameIndex(call)
         return index
-
-
-def _was_lost_between(observation: FrameObservation) -> bool:
-    return isinstance(observation, JoinedObservation) and observation.was_lost_between
