@@ -5,13 +5,13 @@ results.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bcapscope.messages import Message
 from bcapscope.messages.places import Listing
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.poses import AXES, Pose
-from bcapscope.protocol.slave_mode.slvmove_values import Feedback, SetPoint, parse_feedback, parse_set_point
+from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
 from bcapscope.protocol.tables.enumerations import (
     AUTO_MODES,
     INTERPOLATIONS,
@@ -55,7 +55,7 @@ def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     elements, and says so in the label's `text`.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
-    named = list(_part_labels(found))
+    named = list(_part_labels(found._asdict()))
     if len(named) == 1 and named[0].elements and not _begins_with_array(variant):
         return named[0]._replace(name="")
     if found.problems or not isinstance(variant.value, tuple) or len(named) != len(variant.value):
@@ -80,8 +80,8 @@ _PART_LABELS = {
 """
 
 
-def _part_labels(found: SetPoint | Feedback) -> Iterator[ValueLabel]:
-    for name, value in found._asdict().items():
+def _part_labels(fields: Mapping[str, Any]) -> Iterator[ValueLabel]:
+    for name, value in fields.items():
         if isinstance(value, Pose):
             yield _poses_label((value,))
         elif name == "poses" and value:

@@ -100,16 +100,8 @@ class LateReply:
     sent: int
 
 
-@dataclass(frozen=True, slots=True)
-class UnmatchedItem:
-    """A stray reply, an incomplete frame, or bytes that are not a frame. The client discards it."""
-
-    item: Frame | Malformed
-    time: int
-
-
 RequesterOutcome: TypeAlias = CallAnswered | CallRefused | CallTimedOut
-RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply | UnmatchedItem
+RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply
 
 
 @dataclass(eq=False)
@@ -190,12 +182,11 @@ class Requester:
         self._send_attempt(now)
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
-        """Process a frame from the controller, or bytes that are not a frame."""
-        attempt = (
-            self._attempt_with_serial(item.serial) if isinstance(item, Frame) and _is_complete(item) else None
-        )
-        if not isinstance(item, Frame) or attempt is None:
-            self._events.append(UnmatchedItem(item, now))
+        """Process a frame from the controller. Ignore stray replies, and bytes that are no complete frame."""
+        if not isinstance(item, Frame) or not _is_complete(item):
+            return
+        attempt = self._attempt_with_serial(item.serial)
+        if attempt is None:
             return
         attempt.events.append(AttemptEvent(now, hresult_name(item.code)))
         if not self.call_in_progress or attempt is not self._open_attempts[-1]:
