@@ -24,7 +24,6 @@ from bcapscope.protocol.retry.requester import (
     CallRefused,
     CallTimedOut,
     LateReply,
-    UnmatchedItem,
 )
 from bcapscope.proxy.policy import CloseAction, SendAction
 from bcapscope.traffic.observation import Direction
@@ -81,7 +80,7 @@ def test_the_unions_of_a_module_are_found() -> None:
     [
         (CallAnswered(REPLY, ()), CallRefused(REPLY, ())),
         (CallExecuting(REPLY), CallTimedOut(())),
-        (LateReply(REPLY, 1, 2), UnmatchedItem(REPLY, 1)),
+        (LateReply(REPLY, 1, 2), CallExecuting(REPLY)),
         (ProseText("00"), EndOffset("00")),
         (SendMessage(talk().up, b""), CloseConnection(talk().up.conversation, CloseMode.RESET)),
         (SendAction(1, Direction.REQUEST, b""), CloseAction(1, False, Message("client.ended"))),

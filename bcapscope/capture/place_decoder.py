@@ -12,10 +12,9 @@ from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
 from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder, ignore_packet
 from bcapscope.capture.place_plan import PlacePlan
-from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.place_merger import Coverage
+from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, Coverage
 from bcapscope.traffic.observation import Conversation, Observation
 
 

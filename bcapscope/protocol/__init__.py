@@ -19,50 +19,29 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bcapscope.protocol.codec.frame import (
-        Frame,
-        Malformed,
-        encode_frame,
-        parse_datagram,
-        parse_single_frame,
-    )
-    from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
-    from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant, integer_value, vt_name
-    from bcapscope.protocol.tables.command_catalogue import call_name
-    from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, function_by_name, function_name
-    from bcapscope.protocol.tables.hresult import (
-        HresultInfo,
-        describe_hresult,
-        hresult_name,
-        is_failure,
-        is_success,
-    )
-
-__all__ = [
-    "ARRAY",
-    "EMPTY",
-    "FUNCTIONS",
-    "VT",
-    "Frame",
-    "Function",
-    "HresultInfo",
-    "Malformed",
-    "StreamPiece",
-    "StreamSplitter",
-    "Variant",
-    "call_name",
-    "describe_hresult",
-    "encode_frame",
-    "function_by_name",
-    "function_name",
-    "hresult_name",
-    "integer_value",
-    "is_failure",
-    "is_success",
-    "parse_datagram",
-    "parse_single_frame",
-    "vt_name",
-]
+    from bcapscope.protocol.codec.frame import Frame as Frame
+    from bcapscope.protocol.codec.frame import Malformed as Malformed
+    from bcapscope.protocol.codec.frame import encode_frame as encode_frame
+    from bcapscope.protocol.codec.frame import parse_datagram as parse_datagram
+    from bcapscope.protocol.codec.frame import parse_single_frame as parse_single_frame
+    from bcapscope.protocol.codec.stream_splitter import StreamPiece as StreamPiece
+    from bcapscope.protocol.codec.stream_splitter import StreamSplitter as StreamSplitter
+    from bcapscope.protocol.codec.variant import ARRAY as ARRAY
+    from bcapscope.protocol.codec.variant import EMPTY as EMPTY
+    from bcapscope.protocol.codec.variant import VT as VT
+    from bcapscope.protocol.codec.variant import Variant as Variant
+    from bcapscope.protocol.codec.variant import integer_value as integer_value
+    from bcapscope.protocol.codec.variant import vt_name as vt_name
+    from bcapscope.protocol.tables.command_catalogue import call_name as call_name
+    from bcapscope.protocol.tables.function_table import FUNCTIONS as FUNCTIONS
+    from bcapscope.protocol.tables.function_table import Function as Function
+    from bcapscope.protocol.tables.function_table import function_by_name as function_by_name
+    from bcapscope.protocol.tables.function_table import function_name as function_name
+    from bcapscope.protocol.tables.hresult import HresultInfo as HresultInfo
+    from bcapscope.protocol.tables.hresult import describe_hresult as describe_hresult
+    from bcapscope.protocol.tables.hresult import hresult_name as hresult_name
+    from bcapscope.protocol.tables.hresult import is_failure as is_failure
+    from bcapscope.protocol.tables.hresult import is_success as is_success
 
 _NAMES_BY_MODULE = {
     "codec.frame": "Frame Malformed encode_frame parse_datagram parse_single_frame",
@@ -73,6 +52,7 @@ _NAMES_BY_MODULE = {
     "tables.hresult": "HresultInfo describe_hresult hresult_name is_failure is_success",
 }
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
+__all__ = list(_MODULE_BY_NAME)
 
 
 # Hide `__getattr__` from type checkers, which would otherwise accept any name in the module.

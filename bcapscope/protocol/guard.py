@@ -97,10 +97,8 @@ def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffec
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
-    """Return True if the parameter of Motor or slvChangeMode is certainly 0, which switches the motor or
-    slave mode off.
-
-    For Motor, the parameter may also be an array whose first element is 0.
+    """Return whether the parameter of Motor or slvChangeMode is certainly 0. For Motor, the parameter may
+    also be an array whose first element is 0.
     """
     if len(arguments) != _ARGUMENTS_WITH_PARAMETER:
         return False

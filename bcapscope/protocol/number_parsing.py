@@ -16,8 +16,7 @@ _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
-    """Parse a decimal or 0x-prefixed hexadecimal integer. Return None if the text is invalid or the number
-    out of bounds."""
+    """Parse a decimal or 0x-prefixed integer. Return None if the text is invalid or out of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _INTEGER.fullmatch(text):
         return None
@@ -26,8 +25,7 @@ def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
 
 
 def parse_number(text: str, minimum: float, maximum: float) -> float | None:
-    """Parse a decimal number, with or without exponent. Return None if the text is invalid or the number out
-    of bounds."""
+    """Parse a decimal number, with or without exponent. Return None if it is invalid or out of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _NUMBER.fullmatch(text):
         return None

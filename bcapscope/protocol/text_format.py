@@ -26,9 +26,7 @@ def shortened(text: str, most: int) -> str:
 
 
 def display_width(text: str) -> int:
-    """Return how many terminal columns a text takes: two for a wide character, none for a combining
-    character.
-    """
+    """Return how many terminal columns a text takes: two for a wide character, none for a combining one."""
     if text.isascii():
         return len(text)
     return sum(

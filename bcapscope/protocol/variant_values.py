@@ -62,7 +62,16 @@ def argument_of(function: Function, param: Param, value: object) -> Variant:
     """
     if isinstance(value, Variant) or param.type == "VARIANT":
         return variant_of(value)
-    return _typed_variant(function, param, value)
+    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value
+    try:
+        encode_variant(variant)
+    except LocalProtocolError:
+        shown = reprlib.repr(value)
+        wrong = Message(
+            "value.wrong-type", function=function.name, param=param.name, value=shown, type=param.type
+        )
+        raise LocalProtocolError(wrong) from None
+    return variant
 
 
 def plain_value(variant: Variant) -> Value:
@@ -73,30 +82,11 @@ def plain_value(variant: Variant) -> Value:
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE to a datetime in the controller's time zone; None if Python's datetime cannot represent
-    the date.
-    """
+    """Convert a DATE to a datetime in the controller's time zone; None if datetime cannot represent it."""
     try:
         return _DATE_ZERO + timedelta(days=days)
     except (OverflowError, ValueError):
         return None
-
-
-def _typed_variant(function: Function, param: Param, value: object) -> Variant:
-    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value below
-    try:
-        encode_variant(variant)
-    except LocalProtocolError:
-        raise LocalProtocolError(
-            Message(
-                "value.wrong-type",
-                function=function.name,
-                param=param.name,
-                value=reprlib.repr(value),
-                type=param.type,
-            )
-        ) from None
-    return variant
 
 
 def _scalar_variant(value: object) -> Variant | None:

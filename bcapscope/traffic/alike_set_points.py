@@ -20,9 +20,7 @@ class AlikeSetPoints:
 
     def __init__(self) -> None:
         self._templates: tuple[FrameTemplate, FrameTemplate] | None = None
-        """The template for the requests and the template for the replies of the current run; None if there is
-        no run.
-        """
+        """The templates of the requests and of the replies in the current run; None if there is no run."""
 
     def continues(self, call: Call) -> bool:
         """Return whether a call belongs to the current run."""
@@ -43,8 +41,7 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the current run, because `call` does not belong to it. If `call` is an accepted set point,
-        begin a new run."""
+        """End the current run. If `call` is an accepted set point, begin a new run."""
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

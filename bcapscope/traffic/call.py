@@ -62,9 +62,7 @@ class FrameRole(StrEnum):
 
 
 class CallState(StrEnum):
-    """State of a call. The module `pairing_states` says which event leads from which state to which other
-    state.
-    """
+    """State of a call. `pairing_states` says which event leads from which state to which other state."""
 
     WAITING = "waiting"
     """The client waits for the reply."""
@@ -92,6 +90,8 @@ class CallFrame(NamedTuple):
     observation: FrameObservation
 
 
+# The decorator only makes the slots. A generated `__init__` would be slower.
+@dataclass(slots=True, init=False, repr=False, eq=False)
 class Call:
     """A call, as far as it was captured. A call of `Capture.calls` is complete.
 
@@ -135,47 +135,30 @@ class Call:
             `ConversationPairing`.
     """
 
+    number: int
+    conversation: Conversation
+    kind: CallKind
     request: FrameObservation
     last_attempt: FrameObservation
     last_activity: int
+    reserved_usage: ReservedFieldUsage
+    reply: FrameObservation | None
+    other_frames: list[CallFrame] | tuple[()]
     abandoned_at: int
     gave_up_inferred: bool
     no_reply_expected: bool
     reply_missed: bool
     may_go_on: bool
+    may_continue_in: Call | None
     was_overtaken: bool
     is_at_controller: bool
+    sure_until: int | None
     state: CallState
     skipped_handles: int
     memory_bytes: int
     crossing_ns: int
-
-    __slots__ = (
-        "abandoned_at",
-        "conversation",
-        "crossing_ns",
-        "gave_up_inferred",
-        "is_at_controller",
-        "kind",
-        "last_activity",
-        "last_attempt",
-        "may_continue_in",
-        "may_go_on",
-        "memory_bytes",
-        "no_reply_expected",
-        "number",
-        "other_frames",
-        "reply",
-        "reply_missed",
-        "request",
-        "reserved_usage",
-        "skipped_handles",
-        "state",
-        "stray_replies",
-        "sure_until",
-        "unseen_serials",
-        "was_overtaken",
-    )
+    unseen_serials: tuple[int, ...]
+    stray_replies: tuple[FrameObservation, ...]
 
     def __init__(
         self,
@@ -191,18 +174,15 @@ class Call:
         self.request = self.last_attempt = request
         self.last_activity = request.time
         self.reserved_usage = reserved_usage
-        self.reply: FrameObservation | None = None
-        # Nearly all calls share the empty tuple, which saves memory.
-        self.other_frames: list[CallFrame] | tuple[()] = ()
+        self.reply = None
+        self.other_frames = ()  # nearly all calls share the empty tuple, which saves memory
         self.abandoned_at = 0
         self.no_reply_expected = self.gave_up_inferred = False
         self.reply_missed = self.may_go_on = self.was_overtaken = self.is_at_controller = False
-        self.may_continue_in: Call | None = None
-        self.sure_until: int | None = None
+        self.may_continue_in = self.sure_until = None
         self.state = _WAITING
         self.skipped_handles = self.memory_bytes = self.crossing_ns = 0
-        self.unseen_serials: tuple[int, ...] = ()
-        self.stray_replies: tuple[FrameObservation, ...] = ()
+        self.unseen_serials = self.stray_replies = ()
 
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.observation.number}" for event in self.frames)

@@ -11,9 +11,8 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes that `CallKinds` remembers, each with its call kind. Beyond this limit,
-`CallKinds` drops all prefixes and learns them again. A session has a few dozen prefixes: one per pair of
-handle and command.
+"""Maximum number of request prefixes that `CallKinds` remembers. Beyond this limit, it learns them again. A
+session has a few dozen prefixes: one per pair of handle and command.
 """
 
 MAX_SERIALS = 1024
@@ -23,15 +22,13 @@ a set point every millisecond.
 """
 
 MAX_CONVERSATIONS = 256
-"""Maximum number of conversations whose requests are remembered. Beyond the limit, the conversation with the
-longest silence is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
+"""Maximum number of conversations that are remembered. Beyond the limit, the conversation with the longest
+silence is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
 LONGEST_NAME = 256
-"""Maximum number of characters of a command's or object's name that bcapscope keeps. If a name is longer, the
-character … replaces all further characters. Real names are far shorter.
-"""
+"""Maximum number of characters of a command's or object's name. Real names are far shorter."""
 
 COMMAND_FUNCTIONS = frozenset(
     function.id
@@ -79,11 +76,7 @@ def call_kind_of(request: Frame) -> CallKind:
 
 
 class CallKinds:
-    """Finds the call kinds of many requests fast, by their first bytes. Equal call kinds are the same Python
-    object.
-    """
-
-    __slots__ = ("_by_prefix", "_known")
+    """Finds the call kinds of many requests fast, by their first bytes."""
 
     def __init__(self) -> None:
         self._by_prefix: dict[bytes, CallKind] = {}
@@ -118,9 +111,8 @@ class CallKinds:
 
 
 class RecentRequests:
-    """Remembers recent requests, so that a reply can be shown with the function of its request.
-
-    A reply belongs to the latest request with the same serial.
+    """Remembers recent requests, so that a reply can be shown with the function of its request: the latest
+    request with the same serial.
     """
 
     def __init__(self) -> None:
@@ -163,9 +155,7 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """Maps the serials of one conversation's requests to the kinds of their calls. The class uses two tables,
-    so that old serials expire without a search.
-    """
+    """Kinds of the calls of one conversation. Two tables let old serials expire without a search."""
 
     def __init__(self) -> None:
         self.latest: dict[int, CallKind] = {}

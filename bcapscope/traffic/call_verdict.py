@@ -107,9 +107,7 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_frames(call: Call) -> CallVerdict:
-    """Return the verdict on a call with retries or further frames. Only frames that surely belong to the call
-    count.
-    """
+    """Return the verdict from the frames that surely belong to the call."""
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if _sure(call, call.late_replies):
@@ -130,7 +128,7 @@ def _by_frames(call: Call) -> CallVerdict:
 
 
 def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
-    """Return the verdict on a retried call. The verdict depends on which attempts got a reply or a notice.
+    """Return the verdict on a retried call from the attempts that got a reply or a notice.
 
     The controller executes the first attempt that reaches it, and answers each attempt in order.
     """
@@ -164,7 +162,6 @@ def _lost_replies(call: Call) -> tuple[FrameObservation, ...]:
 
 
 def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
-    """Return the frames that surely belong to a call."""
     return (
         frames
         if call.sure_until is None
@@ -173,8 +170,7 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether replies to the call differ in result or value. Damaged and incompletely captured replies
-    are ignored.
+    """Return whether complete replies to the call differ in result or value.
 
     E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
     call.
@@ -189,24 +185,17 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether each lost reply and the client's next attempt may have been on the network at the same
-    time.
-
-    The client's next attempt may be an attempt that was not captured.
+    """Return whether each lost reply may have crossed the client's next attempt, captured or not, on the
+    network.
     """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
-    return all(
-        _may_cross(attempts, bisect_left(times, reply.time), reply, call.crossing_ns) for reply in replies
-    )
-
-
-def _may_cross(
-    attempts: Sequence[FrameObservation], next_index: int, reply: FrameObservation, crossing_ns: int
-) -> bool:
-    if next_index == len(attempts):
-        return False
-    after = attempts[next_index]
-    return after.time - reply.time <= crossing_ns or bool(
-        skipped_serials(reply.item.serial, after.item.serial)
-    )
+    for reply in replies:
+        index = bisect_left(times, reply.time)
+        if index == len(attempts):
+            return False
+        after = attempts[index]
+        is_soon = after.time - reply.time <= call.crossing_ns
+        if not is_soon and not skipped_serials(reply.item.serial, after.item.serial):
+            return False
+    return True

@@ -24,9 +24,7 @@ computer. The client may already be preparing the retry when the reply arrives.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Time in ns that a round trip to the client is assumed to take, unless the traffic shows a shorter time.
-Factory networks delay a frame by milliseconds.
-"""
+"""Assumed time in ns of a round trip to the client. Factory networks delay a frame by milliseconds."""
 
 _REACTIONS = 3  # minimum number of reactions, because a single short reaction can be a coincidence
 _MARGIN = 2  # factor for the shortest round trips, because other round trips take longer
@@ -55,15 +53,12 @@ class CrossingWindow:
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. `taken_at` is the capture point; None if it is unknown. For a capture at the
-        client, the window is fixed.
-        """
+        """Create a window. For a capture at the client, the window is fixed."""
         self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
 
     def add_reaction(self, nanoseconds: int) -> None:
-        """Learn from the time between a reply and the client's next request."""
         insort(self._shortest, max(nanoseconds, 0))
         if len(self._shortest) >= _REACTIONS:
             del self._shortest[_REACTIONS:]
@@ -86,20 +81,17 @@ class CrossingWindow:
             self.add_reaction(reaction)
 
     def ignore_reactions(self) -> None:
-        """Drop all reactions and ignore further reactions, because this client begins calls without waiting
-        for replies.
-        """
+        """Ignore all reactions, because this client begins calls without waiting for replies."""
         self.considered_below_ns = 0
         self._shortest.clear()
 
     def settle(self, call: Call) -> None:
-        """Store in a complete call the known facts about the capture point."""
         call.crossing_ns = self.nanoseconds
         call.is_at_controller = self._taken_at is CapturePoint.CONTROLLER
 
     @property
     def nanoseconds(self) -> int:
-        """Maximum time in ns between a reply and a retry. Within this time, the two may have crossed."""
+        """Maximum time in ns between a reply and a retry that may have crossed."""
         if self._taken_at is CapturePoint.CLIENT:
             return CROSSING_AT_CLIENT_NS
         if len(self._shortest) < _REACTIONS:

@@ -21,9 +21,7 @@ TIMEOUTS_TO_GIVE_UP = 4
 """A client that retried a call has given it up if no attempt follows for this number of timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum time in ns since the last attempt. After this time, the client may have given the call up. A busy
-client or network delays an attempt by less than this time.
-"""
+"""Minimum time in ns without an attempt after which the client may have given the call up."""
 
 OVERDUE_TIMEOUTS = 2
 """A reply counts as late if it comes more than this number of timeouts after the last attempt. Attempts do
@@ -35,10 +33,8 @@ _MAX_KINDS = 64
 
 
 def attempt_distances(call: Call) -> list[int]:
-    """Return the times in ns between successive attempts of a call.
-
-    If the capture lacks attempts between two captured attempts, the missing attempts are assumed to be evenly
-    spaced.
+    """Return the times in ns between successive attempts of a call. Attempts that were not captured are
+    assumed to be evenly spaced.
     """
     attempts = call.attempts
     if len(attempts) == 1:
@@ -66,23 +62,22 @@ def gives_up_at(call: Call) -> int:
     The time is known only for a retried call without S_EXECUTING, because S_EXECUTING prolongs the client's
     timeout (DENSO Wave 2009).
     """
-    distances = attempt_distances(call) if call.other_frames and not call.notices else ()
-    if not distances:
-        return 0
-    silence = max(TIMEOUTS_TO_GIVE_UP * round(median(distances)), SHORTEST_SILENCE_NS)
-    return call.last_attempt.time + silence
+    silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP)
+    return call.last_attempt.time + silence if silence else 0
 
 
 def waits_in_vain(call: Call, now: int) -> bool:
     """Return whether an unanswered call is so old that the controller evidently answered none of the attempts
     before the last attempt.
     """
+    silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
+    return silence > 0 and now - call.request.time >= silence
+
+
+def _silence_of(call: Call, timeouts: int) -> int:
+    """Return the time in ns that this number of timeouts takes; 0 if the call does not show the timeout."""
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
-    if not distances:
-        return False
-    return now - call.request.time >= max(
-        (TIMEOUTS_TO_GIVE_UP - 1) * round(median(distances)), SHORTEST_SILENCE_NS
-    )
+    return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 
 
 class ShownTimeouts:

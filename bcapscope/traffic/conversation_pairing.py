@@ -17,11 +17,13 @@ from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts,
 from bcapscope.traffic.frame_index import FrameIndexes
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Direction, Transport
-from bcapscope.traffic.pairing_limits import FRAME_COST, LARGE_CALL, MAX_EXTRA_FRAMES
 from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent, copy_event
 from bcapscope.traffic.pairing_windows import (
     COPIES_WITHIN_NS,
+    FRAME_COST,
+    LARGE_CALL,
     LATE_WITHIN_NS,
+    MAX_EXTRA_FRAMES,
     RETRY_WITHIN_NS,
     mark_unanswerable,
     unanswered_settles_at,
@@ -53,8 +55,8 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Object that counts the bytes of all open calls, in all conversations.
-            kinds: Object that finds the call kind of each request, shared by all conversations.
+            budget: Bytes of all open calls, in all conversations.
+            kinds: Call kinds of the requests of all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
@@ -92,9 +94,7 @@ class ConversationPairing:
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. If the request starts a new call, give this call the number `number` and return
-        True.
-        """
+        """Add a request. If it starts a new call, give this call the number `number` and return True."""
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -166,9 +166,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """If a request that the proxy sent on its own is a copy of a client's request, add the copy to the
-        client's call.
-        """
+        """Add a request that the proxy sent on its own, if it is a copy of a client's request."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -240,7 +238,7 @@ class ConversationPairing:
     def _add_after_strays(
         self, strays: Sequence[StrayReply], observation: FrameObservation, frame: Frame, number: int
     ) -> bool:
-        """Add a request. Add to its call the stray replies that answer earlier attempts of the call."""
+        """Add a request, and the stray replies that answer earlier attempts of its call."""
         is_new = self.add_request(observation, frame, number)
         call = self._by_serial.get(frame.serial)
         if call is not None:  # not evicted
@@ -337,9 +335,7 @@ class ConversationPairing:
         """Make the first attempt the request of the call. A retry had overtaken this attempt."""
         call.other_frames = [CallFrame(FrameRole.RETRY, call.request), *call.other_frames]
         call.request = observation
-        self._extra_frames += 1
-        self._count_memory(call, len(observation.item.raw) + FRAME_COST)
-        self._frame_indexes[call].add_frame(FrameRole.REQUEST, observation)
+        self._count_further_frame(call, FrameRole.REQUEST, observation)
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
@@ -353,14 +349,15 @@ class ConversationPairing:
 
     def _keep_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
         call.add_frame(role, observation)
-        self._extra_frames += 1
-        self._count_memory(call, len(observation.item.raw) + FRAME_COST)
-        if call in self._frame_indexes:
-            self._frame_indexes[call].add_frame(role, observation)
+        self._count_further_frame(call, role, observation)
 
-    def _count_memory(self, call: Call, size: int) -> None:
+    def _count_further_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
+        self._extra_frames += 1
+        size = len(observation.item.raw) + FRAME_COST
         call.memory_bytes += size
         self._budget.held += size
+        if call in self._frame_indexes:
+            self._frame_indexes[call].add_frame(role, observation)
 
     # replies
 
@@ -432,10 +429,7 @@ class ConversationPairing:
         return call
 
     def _settle_irregular(self, call: Call, event: CallEvent) -> None:
-        """Settle a call without a reply, or with frames besides one request and one reply.
-
-        The reply is late if the times between the attempts show that the client had given up.
-        """
+        """Settle a call without a reply, or with frames besides one request and one reply."""
         gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
         if gave_up_at and call.state is _ANSWERED and call.reply is not None:
             call.abandoned_at, call.gave_up_inferred = gave_up_at, True

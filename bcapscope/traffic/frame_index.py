@@ -1,6 +1,4 @@
-"""Index that finds the frames of one call. The time for finding a frame does not depend on the number of
-frames.
-"""
+"""Index of the frames of one call. The time for finding a frame does not depend on the number of frames."""
 
 from __future__ import annotations
 
@@ -14,10 +12,10 @@ class FrameIndex:
     """Finds the attempts and replies of one open call by their bytes and serials.
 
     Attributes:
-        sent_at: Maps the bytes of an attempt to the latest time when these bytes were captured.
-        reserved_by_serial: Maps a serial to the reserved field of the latest attempt with this serial.
-        received_at: Maps the bytes of a reply to the latest time when these bytes were captured. Replies that
-            did not reach the client's side are left out. Notices are not included.
+        sent_at: Latest time at which the bytes of an attempt were captured.
+        reserved_by_serial: Reserved field of the latest attempt with a serial.
+        received_at: Latest time at which the bytes of a reply were captured. Notices, and replies that did
+            not reach the client's side, are left out.
     """
 
     def __init__(self, call: Call) -> None:
@@ -35,17 +33,15 @@ class FrameIndex:
         if role in (FrameRole.REQUEST, FrameRole.RETRY):
             self.sent_at[frame.raw] = observation.time
             self.reserved_by_serial[frame.serial] = frame.reserved
-        elif role in _REPLIES and not _was_lost_between(observation):
+        elif role in _REPLIES and not (
+            isinstance(observation, JoinedObservation) and observation.was_lost_between
+        ):
             self.received_at[frame.raw] = observation.time
 
 
 class FrameIndexes(dict[Call, FrameIndex]):
-    """The indexes of open calls. The first lookup of a frame in a call creates the index of this call."""
+    """The indexes of open calls. The first lookup creates the index of a call."""
 
     def __missing__(self, call: Call) -> FrameIndex:
         index = self[call] = FrameIndex(call)
         return index
-
-
-def _was_lost_between(observation: FrameObservation) -> bool:
-    return isinstance(observation, JoinedObservation) and observation.was_lost_between

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass, ResultKind
-from bcapscope.protocol.tables.hresult import is_failure, is_success
-from bcapscope.traffic.call import Call, FrameObservation
-from bcapscope.traffic.handle_tracker import MAX_OBJECTS, handle_of
+from bcapscope.protocol.tables.hresult import is_success
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.handle_tracker import MAX_OBJECTS, handle_in_reply, handle_of
 from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
@@ -19,9 +18,7 @@ OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.res
 
 
 class HandleSequence:
-    """The handles of one conversation. In each session, the controller gives successive numbers as
-    handles.
-    """
+    """The handles of one conversation. In each session, the controller gives successive numbers."""
 
     def __init__(self) -> None:
         self._last_handle = 0  # the last handle returned in this session
@@ -29,8 +26,8 @@ class HandleSequence:
         self._given: set[tuple[ObjectClass | None, int]] | None = None
 
     def add_call(self, call: Call) -> None:
-        """Add a settled call, and count the handles that the controller gave for its unanswered attempts.
-        Callers pass only calls of functions in `OPENERS`, which return handles.
+        """Add a settled call of a function in `OPENERS`, and count the handles that the controller gave for
+        its unanswered attempts.
         """
         if call.kind.function_id == _SERVICE_START:
             self._last_handle, self._given = 0, set()
@@ -38,7 +35,7 @@ class HandleSequence:
             self._given.update(_given_by(call))
             if len(self._given) > MAX_OBJECTS:
                 self._given = None
-        handle = None if call.reply is None else _handle_in(call.reply)
+        handle = handle_in_reply(call.reply)
         if handle is None:
             return
         skipped = handle - self._last_handle - 1
@@ -48,7 +45,7 @@ class HandleSequence:
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
         """Return whether the client received the handle of an object that `call` opens, although no reply was
-        captured. In this case, the controller accepts a handle that no captured reply of the session gave.
+        captured: the controller accepts a handle that no captured reply of the session gave.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:
@@ -72,14 +69,6 @@ def _given_by(call: Call) -> Iterable[tuple[ObjectClass | None, int]]:
     if call.kind.function_id not in OPENERS or function is None:
         return
     for _, seen in call.frames:
-        handle = _handle_in(seen) if seen.flow.direction is Direction.RESPONSE else None
+        handle = handle_in_reply(seen) if seen.flow.direction is Direction.RESPONSE else None
         if handle is not None:
             yield function.creates, handle
-
-
-def _handle_in(reply: FrameObservation) -> int | None:
-    """Return the handle in a reply to a function of `OPENERS`; None if there is none."""
-    if is_failure(reply.item.code) or not reply.item.arguments:
-        return None
-    vt, handle, _ = reply.item.arguments[0].variant
-    return handle if vt == VT.I4 and isinstance(handle, int) else None

@@ -90,12 +90,7 @@ class HandleTracker:
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
-        """Start without sessions.
-
-        Args:
-            max_ended: Maximum number of ended sessions that the tracker remembers. Beyond the limit, the
-                tracker drops the oldest session.
-        """
+        """Start without sessions. Only the latest `max_ended` ended sessions are remembered."""
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
@@ -113,18 +108,22 @@ class HandleTracker:
         target = client.find(function.owner, handle_of(call.request.item))
         if function.creates is ObjectClass.SERVICE:
             if _succeeded(call):
-                self._start_session(client, call.number)
+                self._end_session(client, SessionEnding.RESTARTED)
+                client.start_session(call.number)
         elif function.creates is not None:
             parent = "" if target is None else target.label
             client.add_created(call, function.creates, requested_name(call, function), parent)
         elif function.releases is not None and (_succeeded(call) or call.evicted):
-            self._release_object(client, function.releases, target)
+            if function.releases is ObjectClass.SERVICE:
+                self._ended_sessions.append(client.to_session(SessionEnding.STOPPED))
+                client.start_session(None)
+            elif target is not None:
+                del client.objects[function.releases, target.handle]
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
-        """Return the ended sessions in the order of their ends, then the open sessions.
-
-        In an open session, `unreleased` lists the objects that the client has not released so far.
+        """Return the ended sessions in the order of their ends, then the open sessions, whose `unreleased`
+        lists the objects that the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
@@ -132,8 +131,8 @@ class HandleTracker:
     def close_conversation(self, conversation: Conversation) -> None:
         """Drop a client that has disconnected, and add its open session to the ended sessions."""
         client = self._clients.pop(conversation, None)
-        if client is not None and client.has_session:
-            self._ended_sessions.append(client.to_session(SessionEnding.OPEN))
+        if client is not None:
+            self._end_session(client, SessionEnding.OPEN)
         if client is self._current_client:
             self._current_client = None
 
@@ -141,24 +140,13 @@ class HandleTracker:
         client = self._clients.pop(conversation, None) or _ClientObjects(conversation)
         while len(self._clients) >= MAX_CONVERSATIONS:
             silent = self._clients.pop(next(iter(self._clients)))
-            if silent.has_session:
-                self._ended_sessions.append(silent.to_session(SessionEnding.OPEN))
+            self._end_session(silent, SessionEnding.OPEN)
         self._clients[conversation] = self._current_client = client
         return client
 
-    def _start_session(self, client: _ClientObjects, call_number: int) -> None:
+    def _end_session(self, client: _ClientObjects, ending: SessionEnding) -> None:
         if client.has_session:
-            self._ended_sessions.append(client.to_session(SessionEnding.RESTARTED))
-        client.start_session(call_number)
-
-    def _release_object(
-        self, client: _ClientObjects, object_class: ObjectClass, target: TrackedObject | None
-    ) -> None:
-        if object_class is ObjectClass.SERVICE:
-            self._ended_sessions.append(client.to_session(SessionEnding.STOPPED))
-            client.start_session(None)
-        elif target is not None:
-            del client.objects[object_class, target.handle]
+            self._ended_sessions.append(client.to_session(ending))
 
 
 class _ClientObjects:
@@ -197,7 +185,7 @@ class _ClientObjects:
         return thing
 
     def add_created(self, call: Call, kind: ObjectClass, name: str, parent: str) -> None:
-        accepted = _handle_in_reply(call.reply)
+        accepted = handle_in_reply(call.reply)
         for handle in _handles_made(call):
             thing = TrackedObject(kind, handle, name, parent, call.number, handle == accepted)
             if thing.known_to_client:
@@ -231,27 +219,24 @@ def requested_name(call: Call, function: Function) -> str:
     return shortened(value, LONGEST_NAME) if isinstance(value, str) else ""
 
 
-def _handle_in_reply(reply: FrameObservation | None) -> int | None:
+def handle_in_reply(reply: FrameObservation | None) -> int | None:
+    """Return the handle in a reply to a function that creates an object; None if there is none."""
     if reply is None or not is_success(reply.item.code):
         return None
     return _first_number(reply.item)
 
 
 def _handles_made(call: Call) -> list[int]:
-    """Return all handles that the attempts of a call created. The client may not have received all of
-    them.
-    """
+    """Return all handles that the attempts of a call created, even if the client did not receive them."""
     replies = (*call.lost_replies, *call.late_replies, call.reply)
-    given = [handle for reply in replies if (handle := _handle_in_reply(reply)) is not None]
-    accepted = _handle_in_reply(call.reply)
+    given = [handle for reply in replies if (handle := handle_in_reply(reply)) is not None]
+    accepted = handle_in_reply(call.reply)
     skipped = [] if accepted is None else range(accepted - call.skipped_handles, accepted)
     return sorted({*given, *skipped})
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply to the call reports success, including lost and late replies. A reply that was
-    not captured counts as success.
-    """
+    """Return whether any reply reports success. A reply that was not captured counts as success."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     if call.reply_not_captured:
         return True

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from bcapscope.protocol.codec.frame import Frame, Malformed
 
 if TYPE_CHECKING:
-    from bcapscope.traffic.joining.captured_twins import CaptureSide
+    from bcapscope.traffic.joining.place_merger import CaptureSide
 
 
 class Transport(StrEnum):
@@ -105,6 +105,7 @@ class ConnectionEnd:
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
+@dataclass(eq=False, repr=False)
 class Conversation:
     """The traffic of one client and one controller over one transport.
 
@@ -126,17 +127,14 @@ class Conversation:
             conversation.
     """
 
-    def __init__(
-        self, client: Endpoint, server: Endpoint, transport: Transport, server_evidence: ServerEvidence
-    ) -> None:
-        self.client = client
-        self.server = server
-        self.transport = transport
-        self.server_evidence = server_evidence
-        self.connection_end: ConnectionEnd | None = None
-        self.interface: str = ""
-        self.controller_leg: Conversation | None = None
-        self.capture_side: CaptureSide | None = None
+    client: Endpoint
+    server: Endpoint
+    transport: Transport
+    server_evidence: ServerEvidence
+    connection_end: ConnectionEnd | None = None
+    interface: str = ""
+    controller_leg: Conversation | None = None
+    capture_side: CaptureSide | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
         """Record that the client or the controller closed or reset the connection. Later events are

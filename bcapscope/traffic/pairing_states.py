@@ -69,59 +69,46 @@ class Transition(NamedTuple):
 _WAITING, _EXECUTING = CallState.WAITING, CallState.EXECUTING
 _ANSWERED, _ABANDONED = CallState.ANSWERED, CallState.ABANDONED
 
+_ROLES_WITHOUT_CHANGE = {
+    CallEvent.LATER_RETRY: FrameRole.RETRY,
+    CallEvent.OVERTAKEN_RETRY: FrameRole.RETRY,
+    CallEvent.FIRST_ATTEMPT: FrameRole.REQUEST,
+    CallEvent.COPY: FrameRole.DUPLICATE,
+    CallEvent.CAPTURED_AGAIN: FrameRole.CAPTURED_AGAIN,
+    CallEvent.EARLIER_REPLY: FrameRole.LATE,
+    CallEvent.UNDELIVERED_REPLY: FrameRole.LOST,
+}
+"""Role of the frame for each event that never changes the state of an open call."""
+
 TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
+    (state, event): Transition(state, role)
+    for state in (_WAITING, _EXECUTING, _ANSWERED, _ABANDONED)
+    for event, role in _ROLES_WITHOUT_CHANGE.items()
+} | {
     # The client waits.
     (_WAITING, CallEvent.RETRY): Transition(_WAITING, FrameRole.RETRY),
-    (_WAITING, CallEvent.LATER_RETRY): Transition(_WAITING, FrameRole.RETRY),
-    (_WAITING, CallEvent.OVERTAKEN_RETRY): Transition(_WAITING, FrameRole.RETRY),
-    (_WAITING, CallEvent.FIRST_ATTEMPT): Transition(_WAITING, FrameRole.REQUEST),
-    (_WAITING, CallEvent.COPY): Transition(_WAITING, FrameRole.DUPLICATE),
-    (_WAITING, CallEvent.CAPTURED_AGAIN): Transition(_WAITING, FrameRole.CAPTURED_AGAIN),
     (_WAITING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_WAITING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
-    (_WAITING, CallEvent.EARLIER_REPLY): Transition(_WAITING, FrameRole.LATE),
-    (_WAITING, CallEvent.UNDELIVERED_REPLY): Transition(_WAITING, FrameRole.LOST),
     (_WAITING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_WAITING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_WAITING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
     # The client waits for the reply, and the controller has sent S_EXECUTING.
     (_EXECUTING, CallEvent.RETRY): Transition(_EXECUTING, FrameRole.RETRY),
-    (_EXECUTING, CallEvent.LATER_RETRY): Transition(_EXECUTING, FrameRole.RETRY),
-    (_EXECUTING, CallEvent.OVERTAKEN_RETRY): Transition(_EXECUTING, FrameRole.RETRY),
-    (_EXECUTING, CallEvent.FIRST_ATTEMPT): Transition(_EXECUTING, FrameRole.REQUEST),
-    (_EXECUTING, CallEvent.COPY): Transition(_EXECUTING, FrameRole.DUPLICATE),
-    (_EXECUTING, CallEvent.CAPTURED_AGAIN): Transition(_EXECUTING, FrameRole.CAPTURED_AGAIN),
     (_EXECUTING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_EXECUTING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
-    (_EXECUTING, CallEvent.EARLIER_REPLY): Transition(_EXECUTING, FrameRole.LATE),
-    (_EXECUTING, CallEvent.UNDELIVERED_REPLY): Transition(_EXECUTING, FrameRole.LOST),
     (_EXECUTING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_EXECUTING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_EXECUTING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
     # If the client retries its newest call, it did not receive the reply.
     (_ANSWERED, CallEvent.RETRY): Transition(_WAITING, FrameRole.RETRY, reply_becomes=FrameRole.LOST),
-    (_ANSWERED, CallEvent.LATER_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
-    (_ANSWERED, CallEvent.OVERTAKEN_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
-    (_ANSWERED, CallEvent.FIRST_ATTEMPT): Transition(_ANSWERED, FrameRole.REQUEST),
-    (_ANSWERED, CallEvent.COPY): Transition(_ANSWERED, FrameRole.DUPLICATE),
-    (_ANSWERED, CallEvent.CAPTURED_AGAIN): Transition(_ANSWERED, FrameRole.CAPTURED_AGAIN),
     (_ANSWERED, CallEvent.NOTICE): Transition(_ANSWERED, FrameRole.NOTICE),
     (_ANSWERED, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.LATE),
-    (_ANSWERED, CallEvent.EARLIER_REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.OVERDUE_REPLY): Transition(CallState.SETTLED, None, FrameRole.LATE),
-    (_ANSWERED, CallEvent.UNDELIVERED_REPLY): Transition(_ANSWERED, FrameRole.LOST),
     (_ANSWERED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ANSWERED, CallEvent.EVICTION): Transition(CallState.SETTLED, None),
     # The client has begun another call, and discards all replies to this call.
-    (_ABANDONED, CallEvent.LATER_RETRY): Transition(_ABANDONED, FrameRole.RETRY),
-    (_ABANDONED, CallEvent.OVERTAKEN_RETRY): Transition(_ABANDONED, FrameRole.RETRY),
-    (_ABANDONED, CallEvent.FIRST_ATTEMPT): Transition(_ABANDONED, FrameRole.REQUEST),
-    (_ABANDONED, CallEvent.COPY): Transition(_ABANDONED, FrameRole.DUPLICATE),
-    (_ABANDONED, CallEvent.CAPTURED_AGAIN): Transition(_ABANDONED, FrameRole.CAPTURED_AGAIN),
     (_ABANDONED, CallEvent.NOTICE): Transition(_ABANDONED, FrameRole.NOTICE),
     (_ABANDONED, CallEvent.REPLY): Transition(_ABANDONED, FrameRole.LATE),
-    (_ABANDONED, CallEvent.EARLIER_REPLY): Transition(_ABANDONED, FrameRole.LATE),
-    (_ABANDONED, CallEvent.UNDELIVERED_REPLY): Transition(_ABANDONED, FrameRole.LOST),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ABANDONED, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
     # The tracker has returned the call as unanswered, but still notes when the client begins another call.
@@ -133,7 +120,5 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event for an exact copy of an earlier frame. The capture times of both, in ns, decide which
-    event this is.
-    """
+    """Return the event for an exact copy of an earlier frame, from the capture times of both in ns."""
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

@@ -1,4 +1,6 @@
-"""Time windows of `ConversationPairing`. A window is the time in which a call can get further frames."""
+"""Time windows and memory limits of `ConversationPairing`. A window is the time in which a call can get
+further frames.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +38,22 @@ the InvokeTimeout of DENSO's C server, after which this server no longer answers
 C/src/bCAPServer/bcap_server.c).
 """
 
+MAX_EXTRA_FRAMES = 65536
+"""Maximum number of retries, notices and further replies in all open calls of a conversation together. These
+frames take about 30 MB of memory. If a call exceeds the limit, this call and all earlier calls are evicted.
+Further frames of the evicted call start another call. The older C client retries without end (start-jsk/denso
+b-Cap.c). A client that retries every 20 ms without end reaches the limit within 22 minutes.
+"""
+
+FRAME_COST = 512
+"""Overhead of a frame in bytes."""
+
+LARGE_CALL = 64 * 1024
+"""Maximum size in bytes of a settled call that `ConversationPairing` keeps as the newest call."""
+
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
-    """For an open call without a reply, return the time, in ns since 1970, after which the call can get no
-    further frame.
+    """Return the time, in ns since 1970, after which an open call without a reply can get no further frame.
 
     Args:
         latest_answered: Highest number of an answered call of the conversation.
@@ -65,9 +79,8 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     The network reorders replies only within a short time. A call can also no longer be answered if the client
     gave it up before the capture ended, as the times between its attempts show.
 
-    Args:
-        open_calls: Open calls of the conversation, oldest first.
-        now: Time when the capture ends, ns since 1970; 0 if the capture ends with the conversation.
+    `open_calls` lists the oldest call first. `now` is the time when the capture ends, ns since 1970; 0 if the
+    capture ends with the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies

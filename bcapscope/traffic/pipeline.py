@@ -50,33 +50,27 @@ class PipelineSubscriber:
         """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Process a completed call. `target` is the object of the call's handle; None if the object is
-        unknown.
-        """
+        """Process a completed call. `target` is the object of its handle; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber
-        that does not override this method gets these set points one by one through `on_call`.
+        without this method gets them one by one through `on_call`.
         """
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Process a reply that belongs to no call."""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Process a change of a client's slave mode. `on_call` has already received the call that made the
-        change."""
+        """Process a change of a client's slave mode, after the call that made the change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a conversation that has ended. `on_call` has already received all calls of this
-        conversation.
-        """
+        """Release the data of a conversation that has ended, after all its calls."""
 
 
 class CallCollector(PipelineSubscriber):
     """Collects completed calls in the list `calls`. Code that reads the list may remove calls from it."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Collect the calls for which `is_selected` returns True. The default collects all calls."""
         self.calls: list[Call] = []
         self._is_selected = is_selected
 
@@ -107,8 +101,8 @@ class Pipeline:
                 pipeline follows handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
                 None, the pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
-            joiner: Joins the observations of a conversation that was captured at several places; None if all
-                traffic is from one place.
+            joiner: Joins conversations that were captured at several places; None if all traffic is from one
+                place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self._tracker = Tracker(taken_at)
@@ -155,9 +149,7 @@ class Pipeline:
     def finish(self, ended_at: int = 0) -> None:
         """Complete all open calls, because the traffic has ended.
 
-        Args:
-            ended_at: Time when the traffic ended, ns since 1970; 0 if the traffic ended with the last
-                observation.
+        `ended_at` is the time when it ended, ns since 1970; 0 if it ended with the last observation.
         """
         if self._joiner is not None:
             self.add_joined(self._joiner.close())
@@ -166,8 +158,8 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation. The returned function is a closure, because a closure
-        takes a tenth less time than a method.
+        """Return the function that adds an observation: a closure, which takes a tenth less time than a
+        method.
         """
         observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
 

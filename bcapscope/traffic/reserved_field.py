@@ -10,18 +10,14 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """How client and controller use the reserved field, as far as the captured frames show.
-
-    Attributes:
-        reply_reserved: How the controller fills the reserved field of its replies.
-    """
+    """How client and controller use the reserved field, as far as the captured frames show."""
 
     convention: ReservedConvention = ReservedConvention.UNKNOWN
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the updated usage after a request on TCP. If the serial and the reserved field are both 1,
-        this field may hold a version mark or the serial.
+        """Return the updated usage after a request on TCP. If serial and reserved field are both 1, this
+        field may hold a version mark or the serial.
         """
         if reserved == serial == 1:
             return self
@@ -32,9 +28,7 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Return the updated usage after a first attempt on UDP. The reserved field of a first attempt is 0
-        or the attempt's own serial.
-        """
+        """Return the updated usage after a first attempt on UDP, which has 0 or its own serial."""
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
         return (

@@ -6,9 +6,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials in the table. For each reused serial, also the maximum number of
-unanswered TCP requests.
-"""
+"""Maximum number of reused serials, and of unanswered TCP requests for each of them."""
 
 MAX_SETTLED_SERIALS = 1024
 """The table remembers at least this number of serials of settled calls, and at most twice this number."""
@@ -30,23 +28,18 @@ class SerialTable:
         self._older_settled: dict[int, int] = {}
 
     def settled_call(self, serial: int) -> int | None:
-        """Return the number of the latest settled call with this serial; None if no such call is
-        remembered."""
+        """Return the number of the latest settled call with this serial; None if none is remembered."""
         return self._settled.get(serial) or self._older_settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
-        """Add the serials that lie between the serials of two attempts of a call. These serials belong to
-        attempts that were not captured.
-        """
+        """Add the serials between two attempts of a call, which belong to attempts that were not captured."""
         serials = skipped_serials(before, after)
         call.unseen_serials += serials
         for serial in serials:
             self.open_calls[serial] = call
 
     def release_all(self, call: Call) -> None:
-        """Release every serial of a call. This includes the serials that its retries have in the reserved
-        field.
-        """
+        """Release every serial of a call, even those that only its retries name."""
         reserved = call.request.item.reserved
         for serial in {*call.serials, *call.unseen_serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)
@@ -79,8 +72,8 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """For a reused serial, return the oldest call that still waits for its reply. If `is_answered` is
-        True, remove this call from the queue.
+        """Return the oldest call that still waits for its reply to a reused serial. If `is_answered` is True,
+        remove this call from the queue.
         """
         queue = self.reused[serial]
         oldest = queue[0]

@@ -35,13 +35,9 @@ class SlaveModeEffect(Enum):
     """Effect of a call on slave mode, or what the call shows about slave mode."""
 
     SET_POINT = "set point"
-    """The call is a set point. The controller accepted the set point or found the buffer full, or the reply
-    was not captured.
-    """
+    """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point. The controller refused the set point, but not because of a full buffer or
-    because slave mode is off.
-    """
+    """The call is a set point that was refused for another reason than a full buffer or slave mode off."""
     FOUND_OFF = "found off"
     """The call is a set point. The controller refused the set point because slave mode is off."""
     MODE_CHANGED = "mode changed"
@@ -154,8 +150,8 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the conversations of the clients in slave mode. A client is left out if the controller
-        refused the latest set point of this client.
+        """Yield the conversations of the clients in slave mode, except clients whose latest set point was
+        refused.
         """
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:

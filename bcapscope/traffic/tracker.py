@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from operator import attrgetter
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
@@ -28,16 +28,13 @@ stays within this limit.
 """
 
 SWEEP_NS = 50_000_000
-"""Time in ns between two searches for settled calls, measured by the times of the observations. Users do not
-notice that calls are completed up to 50 ms late.
-"""
+"""Time in ns between two searches for settled calls, by the times of the observations."""
 
 _REQUEST = Direction.REQUEST
 
 
 class Tracker:
-    """Groups requests, retries, notices and replies into calls. The tracker uses bounded memory, for live and
-    for recorded traffic.
+    """Groups requests, retries, notices and replies into calls, in bounded memory.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
     this order. The tracker returns a call when this call can get no further frame, and no earlier call of the
@@ -87,13 +84,13 @@ class Tracker:
                 if self._pairing.add_request(observation, item, self._calls_started + 1):  # type: ignore[arg-type]  # item is a frame
                     self._calls_started += 1
                     if self._calls_started - self._calls_settled > MAX_OPEN:
-                        self._evict_from_longest()
+                        self._evict_half(lambda pairing: len(pairing.open_calls))
             else:
                 stray = self._pairing.add_reply(observation, item)  # type: ignore[arg-type]  # item is a frame
                 if stray is not None:
                     self._results.append(stray)
             while self._budget.held > MAX_BYTES:
-                self._evict_half(max(self._pairings.values(), key=attrgetter("memory_bytes")))
+                self._evict_half(attrgetter("memory_bytes"))
         elif item.missing or any(problem.code == "cut" for problem in item.problems):
             self._pairing.add_gap(flow.direction)
         return self._pop_results() if self._results else ()
@@ -119,8 +116,8 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that have become complete up to the time `now` (ns since 1970). A call can become
-        complete without a new observation.
+        """Return the calls that became complete up to the time `now`, ns since 1970, without a new
+        observation.
         """
         self._settle_expired(now)
         return self._pop_results()
@@ -158,11 +155,10 @@ class Tracker:
                 self._collect(pairing.pop_settled(now))
         self._swept_at, self._next_sweep_at = now, now + SWEEP_NS
 
-    def _evict_from_longest(self) -> None:
-        self._evict_half(max(self._pairings.values(), key=lambda pairing: len(pairing.open_calls)))
-
-    def _evict_half(self, pairing: ConversationPairing) -> None:
-        self._collect(pairing.evict_oldest((len(pairing.open_calls) + 1) // 2))
+    def _evict_half(self, size: Callable[[ConversationPairing], int]) -> None:
+        """Evict the older half of the open calls in the conversation that is largest by `size`."""
+        largest = max(self._pairings.values(), key=size)
+        self._collect(largest.evict_oldest((len(largest.open_calls) + 1) // 2))
 
     def _collect(self, calls: Iterable[Call]) -> None:
         before = len(self._results)

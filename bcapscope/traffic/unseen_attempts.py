@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A larger gap in the serials has another
-cause, such as a restart of the client.
+"""Maximum number of successive attempts that were not captured. A restart of the client causes larger gaps.
 """
 
 
@@ -30,8 +29,7 @@ remembers at least this number of serials of settled calls.
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
-    """Return the serials that lie between two given serials, oldest first. The given serials are from two
-    successive captured frames of a client.
+    """Return the serials between those of two successive captured frames of a client, oldest first.
 
     The result is empty if the gap is too large to be caused by attempts that were not captured. The result
     never contains serial 0, because most clients skip it.
@@ -45,10 +43,10 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """Stray replies to one client. The capture lacks the requests of these replies.
 
-    The serial of a stray reply is either older or newer than the client's latest captured serial. If the
-    serial is older, the client sent the request before the capture began, or the capture missed the request.
-    If the serial is newer, the request may be a retry of the client's newest call. The client's next request
-    shows whether the client has sent a request with the newer serial. It may also show for which call.
+    If the serial of a stray reply is older than the client's latest captured serial, the client sent the
+    request before the capture began, or the capture missed the request. If the serial is newer, the request
+    may be a retry of the client's newest call. The client's next request shows whether the client has sent a
+    request with the newer serial. It may also show for which call.
 
     Attributes:
         waiting: Whether the class holds stray replies until the client's next request.
@@ -85,9 +83,8 @@ class UnseenRequests:
     def pop_before(self, serial: int) -> list[StrayReply]:
         """Return the stray replies that came before the client's next request, which has the serial `serial`.
 
-        If the client had not used the serial of a stray reply before this request, set the reply's
-        `request_missed` to False. If the request is only a copy of the client's latest request, return no
-        replies and change nothing.
+        Their `request_missed` becomes False if the client had not used their serial before. If the request is
+        only a copy of the client's latest request, return no replies and change nothing.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -132,7 +129,7 @@ class UnseenRequests:
         """Return whether a stray reply may answer a later attempt of a call.
 
         Of the attempts of a call, the controller sends S_EXECUTING only for the first attempt that it
-        receives. A call therefore has at most one attempt with S_EXECUTING.
+        receives.
         """
         frame = stray.observation.item
         if frame.code == S_EXECUTING:
@@ -151,12 +148,7 @@ def find_retried_call(
     Return the call to which the retry probably belongs, and the call to which it possibly belongs. Each
     returned call is the client's newest call, or None.
 
-    Args:
-        newest: The client's newest call; None if there is none.
-        open_calls: The client's open calls, oldest first.
-        frame: The captured retry.
-        convention: Convention of the client, as far as known. Only with the convention `CHAIN` can a retry
-            contain the serial of an attempt other than the first.
+    Only with the convention `CHAIN` can a retry contain the serial of an attempt other than the first.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None, None
@@ -178,11 +170,6 @@ def settle_continuation(call: Call, convention: ReservedConvention, latest_answe
     The call after the next call may also contain retries of `call`. Of the attempts of a call, the controller
     sends S_EXECUTING only for the first attempt that it receives. A second S_EXECUTING therefore belongs to
     another call.
-
-    Args:
-        call: The call, which is about to be complete.
-        convention: Convention of the client, as far as known.
-        latest_answered: Highest number of an answered call.
     """
     later, call.may_continue_in = call.may_continue_in, None
     if convention in (ReservedConvention.SEED, ReservedConvention.OWN):

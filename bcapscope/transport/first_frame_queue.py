@@ -36,11 +36,9 @@ def source_network(host: str) -> str:
 
 @dataclass(eq=False)
 class _PendingConnection:
-    """A connection without a complete frame.
+    """A connection without a complete frame, with all bytes that it has sent so far.
 
     Attributes:
-        source: Network of the client, as `source_network` returns it.
-        data: All bytes that the connection has sent so far.
         first_byte_at: Time in ns when the first byte arrived; 0 until then.
     """
 
@@ -69,9 +67,7 @@ class FirstFrameQueue(Generic[Key]):
         is the oldest one of the source network that has the most connections. Connections that sent some
         bytes are not spared, because an honest client that has just connected has sent no bytes.
         """
-        dropped = self._next_to_drop() if len(self._waiting) >= self._limit else None
-        if dropped is not None:
-            del self._waiting[dropped]
+        dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))
         return dropped
 
@@ -95,9 +91,11 @@ class FirstFrameQueue(Generic[Key]):
 
     def drop_one(self) -> Key | None:
         """Remove and return the connection that `add` would choose to drop; None if the queue is empty."""
-        dropped = self._next_to_drop()
-        if dropped is not None:
-            del self._waiting[dropped]
+        if not self._waiting:
+            return None
+        ((source, _),) = Counter(each.source for each in self._waiting.values()).most_common(1)
+        dropped = next(key for key, each in self._waiting.items() if each.source == source)
+        del self._waiting[dropped]
         return dropped
 
     def drop_overdue(self, now: int) -> list[Key]:
@@ -110,9 +108,3 @@ class FirstFrameQueue(Generic[Key]):
         for key in late:
             del self._waiting[key]
         return late
-
-    def _next_to_drop(self) -> Key | None:
-        if not self._waiting:
-            return None
-        ((source, _),) = Counter(each.source for each in self._waiting.values()).most_common(1)
-        return next(key for key, each in self._waiting.items() if each.source == source)

@@ -24,12 +24,10 @@ class LinkReceiver(Protocol):
 
 
 class Link(Protocol):
-    """A link to one peer. Each subclass decides how to deliver received data.
+    """A link to one peer.
 
     Attributes:
         datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.
-        local: Address of the link's own end.
-        peer: Address of the link's other end.
     """
 
     @property

@@ -32,9 +32,7 @@ def enable_receive_timestamps(sock: socket.socket) -> None:
 
 
 def receive_function(sock: socket.socket) -> ReceiveFunction:
-    """Return the socket's `recvmsg`. On a system without `recvmsg`, return a replacement that gives no
-    ancillary data.
-    """
+    """Return the socket's `recvmsg`, or a replacement that gives no ancillary data."""
     return getattr(sock, "recvmsg", None) or partial(_receive_without_ancillary, sock)
 
 
@@ -46,9 +44,8 @@ def _receive_without_ancillary(
 
 
 def kernel_timestamp(ancillary: AncillaryData, now: int) -> int:
-    """Return the receive time that the kernel reported, ns since 1970.
-
-    If the kernel reported no receive time, return `now`; if `now` is 0, return the current time.
+    """Return the receive time that the kernel reported, ns since 1970; otherwise `now`, or the current time
+    if `now` is 0.
     """
     if not ancillary or len(ancillary[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()

@@ -7,13 +7,11 @@ import socket
 import struct
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import Any, Generic, TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.peer_link import Address, LinkReceiver
-
-T = TypeVar("T", bound=asyncio.BaseTransport)
 
 AddressInfo: TypeAlias = tuple[int, int, int, str, Any]
 """One address in the form of `socket.getaddrinfo`."""
@@ -22,7 +20,7 @@ CONNECT_TIMEOUT = 5.0
 """Maximum time in s for opening a TCP connection."""
 
 
-class SocketLink(asyncio.BaseProtocol, Generic[T]):
+class SocketLink(asyncio.BaseProtocol):
     """A link over a connected socket. The link passes events to its receiver until `close` is called.
 
     Attributes:
@@ -33,7 +31,7 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
 
     def __init__(self, receiver: LinkReceiver) -> None:
         self._receiver: LinkReceiver | None = receiver
-        self._transport: T | None = None
+        self._transport: Any = None
 
     @property
     def local(self) -> Address:
@@ -49,6 +47,9 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         if self._transport is not None:
             self._transport.close()
 
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
     def connection_lost(self, exc: Exception | None) -> None:
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
@@ -59,12 +60,11 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
             )
 
     def _address(self, which: str) -> Address:
-        assert self._transport is not None
         host, port, *_ = self._transport.get_extra_info(which)
         return host, port
 
 
-class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
+class TcpLink(SocketLink, asyncio.Protocol):
     """A TCP connection. asyncio sets TCP_NODELAY, so a set point is sent without delay."""
 
     datagrams = False
@@ -73,10 +73,6 @@ class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
     def send(self, data: bytes) -> None:
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(data)
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
 
     def data_received(self, data: bytes) -> None:
         if self._receiver is not None:
@@ -112,7 +108,7 @@ def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
     return min(addresses, key=lambda each: each[0] != socket.AF_INET)
 
 
-class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
+class UdpLink(SocketLink, asyncio.DatagramProtocol):
     """A connected UDP socket. The operating system drops datagrams from other senders. It reports an error if
     the peer's port is closed.
     """
@@ -122,10 +118,6 @@ class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
     def send(self, data: bytes) -> None:
         if self._transport is not None:
             self._transport.sendto(data)
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        # The cast is necessary because asyncio's own class is not a DatagramTransport before Python 3.12.
-        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str | object, int]) -> None:
         if self._receiver is not None:

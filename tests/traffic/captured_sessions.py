@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.place_merger import Coverage
+from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, Coverage
 from bcapscope.traffic.observation import (
     SERVER_PORT,
     Conversation,

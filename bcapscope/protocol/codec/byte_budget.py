@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
-"""Default limit, in bytes, for all unfinished frames and out-of-order segments in one process: enough for two
-frames of maximum size.
-"""
+"""Default limit, in bytes, for all buffers of one process: two frames of maximum size."""
 
 
 class ByteBudget:
     """Counts the bytes that several buffers hold.
 
     Attributes:
-        limit: Maximum number of bytes that the buffers may hold together.
         held: Number of bytes that the buffers hold now.
     """
 

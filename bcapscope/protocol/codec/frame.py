@@ -288,9 +288,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Return the bytes of a frame whose only argument is a short row of numbers, such as the reply to
-    slvMove. Return None for other frames.
-    """
+    """Return the bytes of a frame with one short row of numbers, such as the reply to slvMove, or None."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS
@@ -307,8 +305,8 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return three results: a function that packs a frame with `count` numbers, the size of this frame, and
-    the size of its argument.
+    """Return a function that packs a frame with `count` numbers, and the sizes of this frame and its
+    argument.
     """
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4

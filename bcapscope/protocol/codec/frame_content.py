@@ -53,8 +53,6 @@ class FrameContent:
     """The decoded content of a frame that has at least a header; decoding never raises.
 
     Attributes:
-        raw: The bytes of the frame.
-        framing: Kind of bytes between the last argument and EOT.
         body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
             bytes; the first nine bytes and EOT stay the same.
         code: Function id or HRESULT.
@@ -62,8 +60,6 @@ class FrameContent:
         problems: Violations of b-CAP, in the order of their offsets in `body`.
         number_spans: Where the numbers of all arguments are in `body`.
     """
-
-    __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
 
     def __init__(self, raw: bytes) -> None:
         self.framing = Framing.PLAIN

@@ -22,30 +22,24 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template in which one argument holds all numbers: the values before this argument, the function that
-fills the argument, its prototype, and the values after the argument.
+"""If one argument holds all numbers: the values before it, its filler, its prototype, and the values after
+it.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
-"""Size in bytes of the largest frame that gets a template. Longer frames are rare, and their templates would
-take much memory.
-"""
+"""Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` object keeps. When the maximum is reached, the
-`FrameTemplates` object drops all its templates and learns new templates.
-"""
+"""Maximum number of templates of a `FrameTemplates` object. Beyond this limit, it learns them again."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of `_FrameShape` objects that `FrameTemplates` tries for one frame length."""
 
 
 class _FrameShape:
-    """Positions of the numbers that vary in frames of one length. The serial and the reserved field always
-    vary. All other bytes identify the template.
+    """Positions of the numbers, the serial and the reserved field in frames of one length. All other bytes
+    identify the template.
     """
-
-    __slots__ = ("find_template", "fixed_parts", "mask", "numbers", "size", "spans", "templates")
 
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
         self.size = size
@@ -83,18 +77,6 @@ class FrameTemplate:
         fixed_parts: Function that returns the bytes of a frame that must be the same in all frames.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
-
-    __slots__ = (
-        "_fill_plan",
-        "_single_fill",
-        "_variants",
-        "expected_parts",
-        "fixed_parts",
-        "mask",
-        "prototype",
-        "size",
-        "spans",
-    )
 
     def __init__(self, shape: _FrameShape, raw: bytes, prototype: tuple[Argument, ...]) -> None:
         self.size = shape.size
@@ -136,9 +118,7 @@ class FrameTemplate:
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the argument values of a frame that has these `numbers`. The result lacks the positions of
-        the arguments.
-        """
+        """Return the argument values of a frame that has these `numbers`, without their positions."""
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -153,11 +133,8 @@ class FrameTemplate:
 class FrameTemplates:
     """Decodes frames, and learns templates from these frames. The templates need only bounded memory.
 
-    A program that receives many frames passes the same `FrameTemplates` object to all these frames, which
-    makes decoding faster.
+    Decoding is fast if all frames of one source share one `FrameTemplates` object.
     """
-
-    __slots__ = ("_recent", "_shapes", "_template_count")
 
     def __init__(self) -> None:
         self._shapes: dict[int, tuple[_FrameShape, ...]] = {}
@@ -179,8 +156,8 @@ class FrameTemplates:
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
         """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        Programs often decode the same `raw` object several times in a row. The function therefore caches the
-        content of the last two frames without a template, usually a request and its reply.
+        Programs often decode the same `raw` object several times in a row. Therefore the content of the last
+        two frames without a template is cached, usually a request and its reply.
         """
         for content in self._recent:
             if content.raw is raw:
@@ -216,9 +193,7 @@ def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Return how many numbers each argument of a frame holds; 0 for a handle that precedes other
-    arguments.
-    """
+    """Return how many numbers each argument holds; 0 for a handle that precedes other arguments."""
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 

@@ -28,9 +28,7 @@ With this limit, a corrupted length field delays at most 64 KiB of the stream in
 """
 
 LARGEST_GARBAGE = 64 * 1024
-"""Maximum size in bytes of a piece of garbage. Garbage is bytes that belong to no frame. The splitter returns
-longer garbage in several pieces, so that garbage does not fill the memory.
-"""
+"""Maximum size in bytes of a piece of garbage: bytes that belong to no frame."""
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
@@ -48,9 +46,7 @@ examine the same bytes many times.
 """
 
 _TAILS = (1, 2, 3)
-"""Possible numbers of bytes after the last argument: 1 for EOT, 2 for mode byte and EOT, 3 for CRC and
-EOT.
-"""
+"""Possible numbers of bytes after the last argument: EOT, mode byte and EOT, CRC and EOT."""
 
 
 class StreamPiece(NamedTuple):
@@ -141,9 +137,7 @@ class StreamSplitter:
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Continue after a gap of `missing` bytes in the stream. Return the unfinished bytes before the gap,
-        then a hole.
-        """
+        """Continue after a gap of `missing` bytes. Return the unfinished bytes, then a hole."""
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)
@@ -249,9 +243,7 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return two results: how certain it is that a frame begins at `pos`, and the length of this frame.
-        An unknown length is 0.
-        """
+        """Return how certain it is that a frame begins at `pos`, and its length; 0 if unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0
@@ -272,11 +264,11 @@ class StreamSplitter:
         return (_Trust.UNCONFIRMED if length <= LARGEST_UNCONFIRMED else _Trust.NONE), length
 
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
-        """Follow the length fields of the arguments and return the offset after the last argument.
+        """Follow the length fields of the arguments and return the offset after the last argument; None if
+        more bytes are needed, and 0 if a length field is impossible.
 
         Each call continues where the previous call stopped, so that no argument is examined twice if a long
-        frame arrives in small segments. Returns None if more bytes are needed, and 0 if a length field is
-        impossible.
+        frame arrives in small segments.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from bisect import bisect_left
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from dataclasses import field as member
 from operator import itemgetter
@@ -39,9 +39,7 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the field for superfluous bytes: bytes of an argument that do not belong to the argument's
-value.
-"""
+"""Name of the field for the bytes of an argument that do not belong to its value."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
@@ -63,8 +61,8 @@ class FrameField:
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
         unit: Unit of the value: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
-        children: Fields that together cover this field without a gap. Children are created on access, so even
-            a large array costs nothing until its elements are displayed.
+        children: Fields that together cover this field without a gap. The elements of a number array are
+            created on access, so a large array costs nothing until its elements are displayed.
     """
 
     name: str
@@ -116,9 +114,9 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
     return (
         *walk.header_fields(),
         walk.number_field("unpacked size", 9, _COMPRESSED_AT),
-        walk.leaf_field("compressed", _COMPRESSED_AT, end, raw[_COMPRESSED_AT:end], text="zlib"),
+        walk.field("compressed", _COMPRESSED_AT, end, raw[_COMPRESSED_AT:end], text="zlib"),
         walk.number_field("mode byte", end, end + 1),
-        walk.leaf_field("EOT", end + 1, end + 2),
+        walk.field("EOT", end + 1, end + 2),
     )
 
 
@@ -143,7 +141,7 @@ def _command_of(frame: Frame) -> str | None:
 
 
 class _FieldBuilder:
-    """Builds the fields of one frame from its decoded values."""
+    """Builds the fields of one frame from its decoded values, in the order of the frame."""
 
     def __init__(self, frame: Frame, problems: list[Problem], body: bytes | None = None) -> None:
         self._frame = frame
@@ -154,6 +152,7 @@ class _FieldBuilder:
         self._placed = sorted(
             (_doubled_place(each, stops), each) for each in problems if each.code not in ("argc", "eot")
         )
+        self._argument_stop = 0  # of the current argument
 
     def all_fields(
         self, is_request: bool, function_id: int | None, command: str | None
@@ -162,10 +161,10 @@ class _FieldBuilder:
         yield from self.header_fields()
         if is_request:
             code = signed_function_id(frame.code)
-            yield self.leaf_field("function id", 9, 13, code, text=function_name(code))
+            yield self.field("function id", 9, 13, code, text=function_name(code))
         else:
-            yield self.leaf_field(HRESULT, 9, 13, frame.code, text=hresult_name(frame.code))
-        yield self.leaf_field("argument count", 13, HEADER_SIZE, frame.argc, problems=self._argc_problems)
+            yield self.field(HRESULT, 9, 13, frame.code, text=hresult_name(frame.code))
+        yield self.field("argument count", 13, HEADER_SIZE, frame.argc, problems=self._argc_problems)
         role, meaning = (request_param, argument_label) if is_request else (result_param, result_label)
         moves = command is not None and command.casefold() == "slvmove"
         pos = HEADER_SIZE
@@ -181,34 +180,32 @@ class _FieldBuilder:
 
     def header_fields(self) -> Iterator[FrameField]:
         """Yield the fields before the function id or HRESULT."""
-        yield self.leaf_field("SOH", 0, 1)
+        yield self.field("SOH", 0, 1)
         for name, start, stop in (("length", 1, 5), ("serial", 5, 7), ("reserved", 7, 9)):
             yield self.number_field(name, start, stop)
 
     def number_field(self, name: str, start: int, stop: int) -> FrameField:
-        return self.leaf_field(name, start, stop, int.from_bytes(self.body[start:stop], "little"))
+        return self.field(name, start, stop, int.from_bytes(self.body[start:stop], "little"))
 
-    def leaf_field(
+    def field(
         self,
         name: str,
         start: int,
         stop: int,
         value: Value = None,
+        vt: int | None = None,
         *,
-        text: str = "",
+        text: str | Message = "",
+        unit: str = "",
         problems: tuple[Problem, ...] = (),
+        children: Sequence[FrameField] = (),
     ) -> FrameField:
-        """Return a field without children. The problems of the field are the problems found in its bytes,
-        followed by `problems`.
-        """
-        return FrameField(
-            name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)
-        )
+        """Return a field with the problems found in its bytes, followed by `problems`."""
+        found = (*self.problems_within(start, stop), *problems)
+        return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range, but ignore a value that is truncated at the end of the
-        range.
-        """
+        """Return the problems in a byte range, without that of a value truncated at its end."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
@@ -230,134 +227,75 @@ class _FieldBuilder:
             yield (
                 self.number_field(name, start, end)
                 if name
-                else self.leaf_field("left over", start, end, body[start:end])
+                else self.field("left over", start, end, body[start:end])
             )
         beyond = self.problems_between(2 * size, sys.maxsize)
-        yield self.leaf_field("EOT", end, size, problems=(*self._eot_problems, *beyond))
+        yield self.field("EOT", end, size, problems=(*self._eot_problems, *beyond))
 
     def _argument_field(self, name: str, argument: Argument, label: ValueLabel) -> FrameField:
         variant, start, stop = argument
+        self._argument_stop = stop
+        parts = [
+            self.number_field("length", start, start + 4),
+            *self._variant_fields(variant, start + 4, label),
+        ]
         problems = self.problems_between(2 * start, 2 * stop)
-        parts = _LazyFields(lambda: _ArgumentFields(self, argument).fields(label))
+        if any(each.code in _READING_ENDED for each in problems):
+            end, broken = parts[-1].stop, self.problems_between(2 * stop - 1, 2 * stop)
+            if end < stop or broken:
+                parts.append(self.field(UNREAD, end, stop, self.body[end:stop] or None, problems=broken))
         return FrameField(name, start, stop, variant.value, variant.vt, label.text, "", problems, parts)
 
-
-class _ArgumentFields:
-    """Builds the fields of one argument from its decoded value."""
-
-    def __init__(self, builder: _FieldBuilder, argument: Argument) -> None:
-        self._builder = builder
-        self._argument = argument
-
-    def fields(self, label: ValueLabel) -> Iterator[FrameField]:
-        variant, start, stop = self._argument
-        walk = self._builder
-        yield walk.number_field("length", start, start + 4)
-        yield from self._variant_fields(variant, start + 4, label)
-        if any(each.code in _READING_ENDED for each in walk.problems_between(2 * start, 2 * stop)):
-            end = self._value_end(variant, start + 4)
-            broken = walk.problems_between(2 * stop - 1, 2 * stop)
-            if end < stop or broken:
-                yield walk.leaf_field(UNREAD, end, stop, walk.body[end:stop] or None, problems=broken)
-
     def _variant_fields(self, variant: Variant, start: int, label: ValueLabel) -> Iterator[FrameField]:
-        yield self._builder.leaf_field("type", start, start + 2, variant.vt, text=vt_name(variant.vt))
-        yield self._builder.number_field("element count", start + 2, start + _TYPE_AND_COUNT)
-        start += _TYPE_AND_COUNT
         vt, value = variant.vt, variant.value
+        yield self.field("type", start, start + 2, vt, text=vt_name(vt))
+        yield self.number_field("element count", start + 2, start + _TYPE_AND_COUNT)
+        start += _TYPE_AND_COUNT
         if isinstance(value, tuple) and value:
-            stop = self._data_end(variant, start)
             parts = self._element_fields(vt & ~ARRAY, value, start, label.elements)
-            yield FrameField(
-                "data", start, stop, value, vt, "", "", self._builder.problems_within(start, stop), parts
-            )
+            yield self.field("data", start, parts[-1].stop, value, vt, children=parts)
         elif isinstance(value, str):
             yield self._string_field("data", start, value)
         elif value is not None and value not in ((), b""):
-            stop = self._data_end(variant, start)
-            yield FrameField(
-                "data", start, stop, value, vt, "", label.unit, self._builder.problems_within(start, stop)
-            )
+            size = len(value) if isinstance(value, bytes) else NUMBER_WIDTHS[vt]
+            yield self.field("data", start, start + size, value, vt, unit=label.unit)
 
     def _element_fields(
         self, base: int, values: tuple[object, ...], start: int, labels: tuple[ValueLabel, ...]
     ) -> Sequence[FrameField]:
         if base in NUMBER_WIDTHS:
-            return _NumberFields(self._builder, base, values, start, labels)
-        if base == VT.BSTR:
-            return _LazyFields(lambda: self._string_fields(values, start))
-        return _LazyFields(lambda: self._nested_fields(values, start, labels))
-
-    def _string_fields(self, values: tuple[object, ...], start: int) -> Iterator[FrameField]:
+            return _NumberFields(self, base, values, start, labels)
+        fields: list[FrameField] = []
         for index, value in enumerate(values):
-            if isinstance(value, str):
-                yield self._string_field(f"[{index}]", start, value)
-                start = self._string_end(start)
+            label = labels[index] if index < len(labels) else NO_LABEL
+            if isinstance(value, Variant):
+                fields.append(self._nested_field(label.name or f"[{index}]", start, value, label))
+            elif isinstance(value, str):
+                fields.append(self._string_field(f"[{index}]", start, value))
+            start = fields[-1].stop
+        return fields
+
+    def _nested_field(self, name: str, start: int, variant: Variant, label: ValueLabel) -> FrameField:
+        parts = list(self._variant_fields(variant, start, label))
+        return self.field(
+            name,
+            start,
+            parts[-1].stop,
+            variant.value,
+            variant.vt,
+            text=label.text,
+            unit=label.unit,
+            children=parts,
+        )
 
     def _string_field(self, name: str, start: int, value: str) -> FrameField:
-        middle, stop = start + 4, self._string_end(start)
-        parts = _LazyFields(lambda: self._fields_of_string(start, middle, stop, value))
-        return FrameField(
-            name, start, stop, value, VT.BSTR, "", "", self._builder.problems_within(start, stop), parts
-        )
-
-    def _fields_of_string(self, start: int, middle: int, stop: int, value: str) -> Iterator[FrameField]:
-        yield self._builder.number_field("bytes", start, middle)
+        middle = start + 4
+        # a string may claim to be longer than its argument
+        stop = min(middle + int.from_bytes(self.body[start:middle], "little"), self._argument_stop)
+        parts = [self.number_field("bytes", start, middle)]
         if middle < stop:
-            yield FrameField(
-                "characters",
-                middle,
-                stop,
-                value,
-                VT.BSTR,
-                "",
-                "",
-                self._builder.problems_within(middle, stop),
-            )
-
-    def _nested_fields(
-        self, values: tuple[object, ...], start: int, labels: tuple[ValueLabel, ...]
-    ) -> Iterator[FrameField]:
-        for index, variant in enumerate(values):
-            if isinstance(variant, Variant):
-                part = labels[index] if index < len(labels) else NO_LABEL
-                yield self._element_field(part.name or f"[{index}]", variant, start, part)
-                start = self._value_end(variant, start)
-
-    def _element_field(self, name: str, variant: Variant, start: int, label: ValueLabel) -> FrameField:
-        stop = self._value_end(variant, start)
-        parts = _LazyFields(lambda: self._variant_fields(variant, start, label))
-        problems = self._builder.problems_within(start, stop)
-        return FrameField(
-            name, start, stop, variant.value, variant.vt, label.text, label.unit, problems, parts
-        )
-
-    def _value_end(self, variant: Variant, start: int) -> int:
-        """Return the offset after the readable bytes of a VARIANT's value."""
-        return self._data_end(variant, start + _TYPE_AND_COUNT)
-
-    def _data_end(self, variant: Variant, start: int) -> int:
-        value, base = variant.value, variant.vt & ~ARRAY
-        if value is None:
-            return start
-        if isinstance(value, bytes):
-            return start + len(value)
-        values = value if isinstance(value, tuple) else (value,)
-        if base in NUMBER_WIDTHS:
-            return start + len(values) * NUMBER_WIDTHS[base]
-        for each in values:
-            if isinstance(each, Variant):
-                start = self._value_end(each, start)
-            elif isinstance(each, str):
-                start = self._string_end(start)
-        return start
-
-    def _string_end(self, start: int) -> int:
-        """Return the offset after a string. If the string claims to be longer than its argument, return the
-        offset after the argument.
-        """
-        size = int.from_bytes(self._builder.body[start : start + 4], "little")
-        return min(start + 4 + size, self._argument.stop)
+            parts.append(self.field("characters", middle, stop, value, VT.BSTR))
+        return self.field(name, start, stop, value, VT.BSTR, children=parts)
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
@@ -401,38 +339,5 @@ class _NumberFields(Sequence[FrameField]):
         start = self._start + index * width
         stop = start + width
         value: Value = self._values[index]  # type: ignore[assignment]  # plain numbers
-        problems = self._builder.problems_within(start, stop)
-        return FrameField(
-            part.name or f"[{index}]", start, stop, value, self._base, part.text, part.unit, problems
-        )
-
-
-class _LazyFields(Sequence[FrameField]):
-    """Fields that are created anew in each iteration. When a program first uses an index or the length, the
-    fields are stored.
-    """
-
-    def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:
-        self._make = make
-        self._made: tuple[FrameField, ...] | None = None
-
-    def __iter__(self) -> Iterator[FrameField]:
-        return self._make() if self._made is None else iter(self._made)
-
-    def __bool__(self) -> bool:
-        return next(iter(self), None) is not None
-
-    def __len__(self) -> int:
-        return len(self._make_all())
-
-    @overload
-    def __getitem__(self, index: int) -> FrameField: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[FrameField]: ...
-    def __getitem__(self, index: int | slice) -> FrameField | Sequence[FrameField]:
-        return self._make_all()[index]
-
-    def _make_all(self) -> tuple[FrameField, ...]:
-        if self._made is None:
-            self._made = tuple(self._make())
-        return self._made
+        name = part.name or f"[{index}]"
+        return self._builder.field(name, start, stop, value, self._base, text=part.text, unit=part.unit)

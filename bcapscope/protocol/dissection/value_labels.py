@@ -5,13 +5,13 @@ results.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bcapscope.messages import Message
 from bcapscope.messages.places import Listing
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.poses import AXES, Pose
-from bcapscope.protocol.slave_mode.slvmove_values import Feedback, SetPoint, parse_feedback, parse_set_point
+from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
 from bcapscope.protocol.tables.enumerations import (
     AUTO_MODES,
     INTERPOLATIONS,
@@ -55,7 +55,7 @@ def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     elements, and says so in the label's `text`.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
-    named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))
+    named = list(_part_labels(found._asdict()))
     if len(named) == 1 and named[0].elements and not _begins_with_array(variant):
         return named[0]._replace(name="")
     if found.problems or not isinstance(variant.value, tuple) or len(named) != len(variant.value):
@@ -68,38 +68,29 @@ def _begins_with_array(variant: Variant) -> bool:
     return isinstance(first, Variant) and isinstance(first.value, tuple)
 
 
-def _set_point_labels(found: SetPoint) -> Iterator[ValueLabel]:
-    if found.pose is not None:
-        yield _poses_label((found.pose,))
-    if found.mini_io is not None:
-        yield ValueLabel("mini I/O")
-    if found.user_write is not None:
-        yield from _user_io_labels("user I/O to write", ("offset", "bits", "data"))
-    if found.user_read is not None:
-        yield from _user_io_labels("user I/O to read", ("offset", "bits"))
-    if found.hand_io is not None:
-        yield ValueLabel("hand I/O")
+_PART_LABELS = {
+    "timestamp": (ValueLabel("time stamp"),),
+    "mini_io": (ValueLabel("mini I/O"),),
+    "user_write": tuple(ValueLabel(f"user I/O to write, {word}") for word in ("offset", "bits", "data")),
+    "user_read": tuple(ValueLabel(f"user I/O to read, {word}") for word in ("offset", "bits")),
+    "user_io": (ValueLabel("user I/O"),),
+    "hand_io": (ValueLabel("hand I/O"),),
+}
+"""Labels of the elements for the fields of `SetPoint` and `Feedback`, which have the order of the elements.
+"""
 
 
-def _user_io_labels(name: str, words: tuple[str, ...]) -> Iterator[ValueLabel]:
-    return (ValueLabel(f"{name}, {word}") for word in words)
-
-
-def _feedback_labels(found: Feedback) -> Iterator[ValueLabel]:
-    if found.timestamp is not None:
-        yield ValueLabel("time stamp")
-    if found.poses:
-        yield _poses_label(found.poses)
-    if found.mini_io is not None:
-        yield ValueLabel("mini I/O")
-    if found.user_io is not None:
-        yield ValueLabel("user I/O")
-    if found.hand_io is not None:
-        yield ValueLabel("hand I/O")
-    if found.current:
-        yield ValueLabel(
-            "motor current", elements=tuple(ValueLabel(f"J{axis + 1}") for axis in range(len(found.current)))
-        )
+def _part_labels(fields: Mapping[str, Any]) -> Iterator[ValueLabel]:
+    for name, value in fields.items():
+        if isinstance(value, Pose):
+            yield _poses_label((value,))
+        elif name == "poses" and value:
+            yield _poses_label(value)
+        elif name == "current" and value:
+            axes = tuple(ValueLabel(f"J{axis + 1}") for axis in range(len(value)))
+            yield ValueLabel("motor current", elements=axes)
+        elif value is not None:
+            yield from _PART_LABELS.get(name, ())
 
 
 def _poses_label(poses: tuple[Pose, ...]) -> ValueLabel:
@@ -181,9 +172,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join meanings into one text. The message with this `id` joins two texts at a time. If there are no
-    meanings, return "".
-    """
+    """Join meanings into one text, two at a time with the message `id`; "" if there are no meanings."""
     if not meanings:
         return ""
     *others, found = meanings

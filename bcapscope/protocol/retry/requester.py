@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import NamedTuple, TypeAlias
 
@@ -30,9 +30,7 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
 _REMEMBERED_ATTEMPTS = 32
-"""Number of attempts of earlier calls that a `Requester` remembers, to distinguish late replies from stray
-replies.
-"""
+"""Number of remembered attempts of earlier calls, to distinguish late replies from stray replies."""
 
 _LAST_SERIAL = 0xFFFF
 _UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
@@ -69,13 +67,9 @@ class _CallReplied:
 class CallAnswered(_CallReplied):
     """The call succeeded: `reply` carries S_OK or another success code."""
 
-    __slots__ = ()
-
 
 class CallRefused(_CallReplied):
     """The call failed: the controller replied with a failure code."""
-
-    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +91,8 @@ class LateReply:
     """A reply that the client discards, because it answers an earlier attempt or a call that has ended.
 
     Attributes:
-        reply: The late reply as received.
         time: Time in ns at which the late reply arrived.
-        sent: Time in ns at which the client sent the attempt; the late reply answers this attempt.
+        sent: Time in ns at which the client sent the attempt that the late reply answers.
     """
 
     reply: Frame
@@ -107,30 +100,18 @@ class LateReply:
     sent: int
 
 
-@dataclass(frozen=True, slots=True)
-class UnmatchedItem:
-    """Something that the client discards: a stray reply, an incomplete frame, or bytes that are not a
-    frame.
-    """
-
-    item: Frame | Malformed
-    time: int
-
-
 RequesterOutcome: TypeAlias = CallAnswered | CallRefused | CallTimedOut
-RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply | UnmatchedItem
+RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply
 
 
+@dataclass(eq=False)
 class _OpenAttempt:
     """One attempt of the current or an earlier call, with the attempt's events so far."""
 
-    __slots__ = ("events", "reserved", "sent", "serial")
-
-    def __init__(self, serial: int, reserved: int, sent: int) -> None:
-        self.serial = serial
-        self.reserved = reserved
-        self.sent = sent
-        self.events: list[AttemptEvent] = []
+    serial: int
+    reserved: int
+    sent: int
+    events: list[AttemptEvent] = field(default_factory=list)
 
     def snapshot(self) -> Attempt:
         return Attempt(self.serial, self.reserved, self.sent, tuple(self.events))
@@ -141,6 +122,9 @@ class Requester:
 
     Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, unless the program gives the call up
     with `abandon`.
+
+    Attributes:
+        deadline: Time in ns at which the program must use `handle_timeout`; None without a call in progress.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
@@ -162,18 +146,13 @@ class Requester:
         self._policy = RetryPolicy(0, 0)
         self._open_attempts: list[_OpenAttempt] = []
         self._earlier_attempts: deque[_OpenAttempt] = deque(maxlen=_REMEMBERED_ATTEMPTS)
-        self._deadline: int | None = None
+        self.deadline: int | None = None
         self._outgoing: list[bytes] = []
         self._events: list[RequesterEvent] = []
 
     @property
     def call_in_progress(self) -> bool:
-        return self._deadline is not None
-
-    @property
-    def deadline(self) -> int | None:
-        """Time in ns at which the program must use `handle_timeout`; None while no call is in progress."""
-        return self._deadline
+        return self.deadline is not None
 
     def start_call(
         self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
@@ -203,48 +182,42 @@ class Requester:
         self._send_attempt(now)
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
-        """Process a frame from the controller, or bytes that are not a frame."""
-        attempt = (
-            self._attempt_with_serial(item.serial) if isinstance(item, Frame) and _is_complete(item) else None
-        )
-        if not isinstance(item, Frame) or attempt is None:
-            self._events.append(UnmatchedItem(item, now))
+        """Process a frame from the controller. Ignore stray replies, and bytes that are no complete frame."""
+        if not isinstance(item, Frame) or not _is_complete(item):
+            return
+        attempt = self._attempt_with_serial(item.serial)
+        if attempt is None:
             return
         attempt.events.append(AttemptEvent(now, hresult_name(item.code)))
         if not self.call_in_progress or attempt is not self._open_attempts[-1]:
             self._events.append(LateReply(item, now, attempt.sent))
         elif item.code == S_EXECUTING:
-            self._deadline = now + self._policy.timeout
+            self.deadline = now + self._policy.timeout
             self._events.append(CallExecuting(item))
         else:
-            self._deadline = None
+            self.deadline = None
             self._events.append(
                 (CallRefused if is_failure(item.code) else CallAnswered)(item, self._attempt_snapshots())
             )
 
     def record_send_error(self, reason: Message, now: int) -> None:
-        """Record an error of the operating system, such as a closed port, for the newest attempt.
-
-        Retries continue.
-        """
+        """Record an error of the operating system, such as a closed port. Retries continue."""
         if self.call_in_progress:
             self._open_attempts[-1].events.append(AttemptEvent(now, reason))
 
     def handle_timeout(self, now: int) -> None:
         """Send a retry, or end the call, if the deadline of the newest attempt has passed."""
-        if self._deadline is None or now < self._deadline:
+        if self.deadline is None or now < self.deadline:
             return
         if len(self._open_attempts) <= self._policy.retries:
             self._send_attempt(now)
         else:
-            self._deadline = None
+            self.deadline = None
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives afterwards is a late
-        reply.
-        """
-        self._deadline = None
+        """Give up the call in progress and return its attempts. A reply after that is a late reply."""
+        self.deadline = None
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
@@ -262,7 +235,7 @@ class Requester:
         self._serial = serial + 1 if serial < _LAST_SERIAL else 1
         attempt = _OpenAttempt(serial, self._reserved_for(serial), now)
         self._open_attempts.append(attempt)
-        self._deadline = now + self._policy.timeout
+        self.deadline = now + self._policy.timeout
         self._outgoing.append(with_serial_and_reserved(self._request_bytes, serial, attempt.reserved))
 
     def _reserved_for(self, serial: int) -> int:

@@ -67,19 +67,12 @@ class RequestKind(Enum):
     abandoned call has this kind too, but never gets a reply.
     """
     BUSY = "busy"
-    """A new call that arrives while another call is running. The caller may refuse the new call with
-    `Responder.reply_unremembered`.
-    """
+    """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestDecision:
-    """What the controller must do with a request.
-
-    Attributes:
-        kind: Whether the request is a new call or a retry.
-        reply: Stored reply to send now; None unless `kind` is `REPEAT`.
-    """
+    """What the controller must do with a request. `reply` is the stored reply to send now, for `REPEAT`."""
 
     kind: RequestKind
     reply: bytes | None = None
@@ -90,8 +83,6 @@ _NEW = RequestDecision(RequestKind.NEW)
 
 class _Call:
     """One call with the serials of all its known attempts."""
-
-    __slots__ = ("answer", "content", "first", "newest", "reserved", "serials")
 
     def __init__(self, frame: Frame, content: bytes) -> None:
         self.content = content
@@ -260,19 +251,14 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client, so that the next request counts as the first request of a new client.
-
-        The running call gets no reply.
-        """
+        """Forget the client. The running call gets no reply, and the next request is from a new client."""
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call's serials and contents to the set of known keys. If the set is too large, first drop the
-        serials and contents of forgotten calls.
-        """
+        """Add a call to the known keys. If there are too many, first drop the keys of forgotten calls."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -335,9 +321,7 @@ class Responder:
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call to which a `CHAIN` retry belongs; None if there is no such call. Earlier attempts
-        of the call may be lost or overtaken.
-        """
+        """Return the call of a `CHAIN` retry, even if earlier attempts are lost or overtaken; or None."""
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)

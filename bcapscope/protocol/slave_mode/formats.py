@@ -11,15 +11,7 @@ from typing import NamedTuple
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
-POSE_BITS, TIMESTAMP_BIT, HAND_IO_BIT, CURRENT_BIT, MINI_IO_BIT, USER_IO_BIT = (
-    0x00F,
-    0x010,
-    0x020,
-    0x040,
-    0x100,
-    0x200,
-)
-
+_POSE_BITS = 0x00F
 _POSES: dict[int, tuple[PoseType, ...]] = {
     0: (),
     1: (PoseType.P,),
@@ -29,14 +21,12 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
     5: (PoseType.T, PoseType.J),
 }
 _DIGIT_BY_POSES = {poses: digit for digit, poses in _POSES.items()}
-_SEND_BITS = {"hand_io": HAND_IO_BIT, "mini_io": MINI_IO_BIT, "user_io": USER_IO_BIT}
-_RECEIVE_BITS = {"timestamp": TIMESTAMP_BIT, "current": CURRENT_BIT, **_SEND_BITS}
+_SEND_BITS = {"hand_io": 0x020, "mini_io": 0x100, "user_io": 0x200}
+_RECEIVE_BITS = {"timestamp": 0x010, "current": 0x040, **_SEND_BITS}
 """Bit of each field of a format, by the field's name."""
 
 _UNDOCUMENTED_BIT = 0x400
-"""Bit that open-source clients set in the send format 0x620. No public source documents the meaning of this
-bit.
-"""
+"""Bit that open-source clients set in the send format 0x620. No public source says what it means."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +104,8 @@ class ReceiveFormat:
     @classmethod
     def parse(cls, value: int, microseconds: bool = False) -> ReceiveFormat:
         """Decode the format number of slvRecvFormat; every number is a valid format."""
-        poses = _POSES.get(value & POSE_BITS)
-        flags, other = _split_flags(value if poses is None else value & ~POSE_BITS, _RECEIVE_BITS)
+        poses = _POSES.get(value & _POSE_BITS)
+        flags, other = _split_flags(value if poses is None else value & ~_POSE_BITS, _RECEIVE_BITS)
         return cls(poses or (), **flags, other=other, microseconds=microseconds)
 
     def __int__(self) -> int:
@@ -133,9 +123,7 @@ class ReceiveFormat:
         format 0x340.
         """
         both = self.mini_io and self.user_io
-        return not self.other and (
-            not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT
-        )
+        return not self.other and (not both or int(self) & ~_POSE_BITS == 0x340)
 
 
 def _split_flags(value: int, bits: dict[str, int]) -> tuple[dict[str, bool], int]:

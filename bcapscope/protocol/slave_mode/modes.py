@@ -13,9 +13,7 @@ from enum import StrEnum
 from bcapscope.messages import Message
 
 PERIOD_MS = 8
-"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle. Other
-modules use this constant for all times that depend on the cycle time.
-"""
+"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle."""
 
 PERIOD_NS = PERIOD_MS * 1_000_000
 
@@ -91,56 +89,29 @@ class SlaveMode:
         return Message.from_table(f"slave-mode.{self.generation.lower()}.{self.value:03x}", self.text)
 
 
-_BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
-    ModeKind.OFF: (0, False, False, False, False, "slave mode off"),
-    ModeKind.SYNC: (
-        1,
-        False,
-        True,
-        True,
-        False,
-        "slvMove is answered when the controller takes the set point; a late set point is an error",
-    ),
-    ModeKind.ASYNC: (
-        1,
-        True,
-        False,
-        None,
-        False,
-        "slvMove is answered at once; a new set point replaces the waiting set point; a setting on the "
-        "pendant decides whether a late set point is an error",
-    ),
-    ModeKind.MODE_0: (
-        3,
-        False,
-        False,
-        True,
-        True,
-        "slvMove is answered at once, with S_BUF_FULL if the buffer of 3 set points is full; an empty buffer "
-        "during motion is an error",
-    ),
-    ModeKind.MODE_1: (
-        1,
-        True,
-        False,
-        False,
-        False,
-        "slvMove is answered at once; a new set point replaces the waiting set point; the robot stays at the "
-        "last set point",
-    ),
-    ModeKind.MODE_2: (
-        3,
-        False,
-        True,
-        True,
-        False,
-        "slvMove is answered when the buffer of 3 set points has room; an empty buffer during motion is an "
-        "error",
-    ),
+_BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool]] = {
+    ModeKind.OFF: (0, False, False, False, False),
+    ModeKind.SYNC: (1, False, True, True, False),
+    ModeKind.ASYNC: (1, True, False, None, False),
+    ModeKind.MODE_0: (3, False, False, True, True),
+    ModeKind.MODE_1: (1, True, False, False, False),
+    ModeKind.MODE_2: (3, False, True, True, False),
 }
-"""For each kind of mode, the values of the fields `buffer_slots` to `overflow_is_error` of `SlaveMode`, and a
-description.
-"""
+"""For each kind of mode, the values of the fields `buffer_slots` to `overflow_is_error` of `SlaveMode`."""
+
+_TEXTS = {
+    ModeKind.OFF: "slave mode off",
+    ModeKind.SYNC: "slvMove is answered when the controller takes the set point; a late set point is an "
+    "error",
+    ModeKind.ASYNC: "slvMove is answered at once; a new set point replaces the waiting set point; a setting "
+    "on the pendant decides whether a late set point is an error",
+    ModeKind.MODE_0: "slvMove is answered at once, with S_BUF_FULL if the buffer of 3 set points is full; an "
+    "empty buffer during motion is an error",
+    ModeKind.MODE_1: "slvMove is answered at once; a new set point replaces the waiting set point; the robot "
+    "stays at the last set point",
+    ModeKind.MODE_2: "slvMove is answered when the buffer of 3 set points has room; an empty buffer during "
+    "motion is an error",
+}
 
 _KINDS: dict[Generation, dict[int, ModeKind]] = {
     Generation.RC7: {0x000: ModeKind.SYNC, 0x100: ModeKind.ASYNC},
@@ -151,18 +122,15 @@ _POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
 
 def describe_mode(mode: SlaveMode) -> Message:
     """Describe a mode: its pose type, and how the controller treats slvMove in this mode."""
-    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _BEHAVIOURS[mode.kind][-1])
+    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _TEXTS[mode.kind])
     if mode.pose_type is None:
         return behaviour
     return Message("slave-mode.described", pose=str(mode.pose_type), kind=str(mode.kind), behaviour=behaviour)
 
 
 def _make_mode(value: int, generation: Generation, kind: ModeKind, pose_type: PoseType | None) -> SlaveMode:
-    slots, overwrites, paces, underflow, overflow, text = _BEHAVIOURS[kind]
-    described = f"{pose_type} type, {kind}: {text}" if pose_type else text
-    return SlaveMode(
-        value, generation, pose_type, kind, slots, overwrites, paces, underflow, overflow, described
-    )
+    text = f"{pose_type} type, {kind}: {_TEXTS[kind]}" if pose_type else _TEXTS[kind]
+    return SlaveMode(value, generation, pose_type, kind, *_BEHAVIOURS[kind], text)
 
 
 def _build_modes() -> dict[tuple[Generation, int], SlaveMode]:

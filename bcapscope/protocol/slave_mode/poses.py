@@ -15,9 +15,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""Number that the ROS driver appends to a pose. For each axis in use, a further bit of this number is set.
-The purpose of the appended number is not known.
-"""
+"""Number that the ROS driver appends to a pose, plus a bit for each axis in use. Its purpose is not known."""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 """VARIANT types of a pose that is an array of numbers."""
@@ -47,9 +45,7 @@ AXES: Mapping[PoseType, tuple[Axis, ...]] = MappingProxyType(
 """Axes of each pose type, in order. The values of linear axes are in mm."""
 
 SHORTEST_POSE: Mapping[PoseType, int] = MappingProxyType({PoseType.P: 6, PoseType.J: 6, PoseType.T: 10})
-"""Minimum number of values in a pose of each type. In P type, Fig may be missing; in J type, RC7 accepts six
-joints.
-"""
+"""Minimum number of values in a pose. In P type, Fig may be missing; in J type, RC7 accepts six joints."""
 
 
 class Pose(NamedTuple):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -118,14 +118,14 @@ def parse_set_point(
     choices = _set_point_arrangements(send, receive, _kinds_of_parts(parts))
     layout = next((each for each in choices if _is_plausible(each, parts)), choices[0])
     named, problems = _name_parts(layout, parts)
-    pose, more = _pose_of_part(named.get("pose"), pose_type)
+    pose, more = build_pose(named["pose"], pose_type) if "pose" in named else (None, ())
     ambiguous = send is None or (receive is None and len(choices) > 1)
     return SetPoint(
         pose=pose,
-        mini_io=_integer_part(named, "mini_io"),
+        mini_io=named.get("mini_io"),
         user_write=_user_io(named, "write"),
         user_read=_user_io(named, "read"),
-        hand_io=_integer_part(named, "hand_io"),
+        hand_io=named.get("hand_io"),
         guessed=(pose is not None and pose.guessed) or (len(parts) > 1 and ambiguous),
         problems=(*problems, *more),
     )
@@ -148,25 +148,22 @@ def parse_feedback(
         return Feedback(None, microseconds, (bare,))
     parts = _parts_of(result)
     named, problems = _name_parts(_feedback_arrangements(receive, _kinds_of_parts(parts))[0], parts)
-    poses, more = _poses_of_part(named.get("poses"), pose_type, receive)
-    data = named["user_io"].value if "user_io" in named else None
+    poses, more = _poses_of_part(named["poses"], pose_type, receive) if "poses" in named else ((), ())
     return Feedback(
-        timestamp=_integer_part(named, "timestamp"),
+        timestamp=named.get("timestamp"),
         microseconds=microseconds,
         poses=poses,
-        mini_io=_integer_part(named, "mini_io"),
-        user_io=data if isinstance(data, bytes) else None,
-        hand_io=_integer_part(named, "hand_io"),
-        current=_number_part(named.get("current")),
+        mini_io=named.get("mini_io"),
+        user_io=named.get("user_io"),
+        hand_io=named.get("hand_io"),
+        current=named.get("current", ()),
         guessed=any(pose.guessed for pose in poses) or (len(parts) > 1 and receive is None),
         problems=(*problems, *more),
     )
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose if the value is a float array of exactly the right length, which is the usual case;
-    otherwise None.
-    """
+    """Return the pose if the value is a float array of exactly the right length, as usual; otherwise None."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -176,9 +173,7 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array. Any other value, and a VARIANT array that is a pose, counts as
-    one element.
-    """
+    """Return the elements of a VARIANT array. A pose, even as a VARIANT array, counts as one element."""
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
         return (variant,)
@@ -215,9 +210,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return at least one possible arrangement of the elements in a set point, the most likely arrangement
-    first.
-    """
+    """Return the possible arrangements of the elements in a set point, at least one, most likely first."""
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -239,9 +232,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return at least one possible arrangement of the elements in a result, the most likely arrangement
-    first.
-    """
+    """Return the possible arrangements of the elements in a result, at least one, most likely first."""
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -265,16 +256,17 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
         yield "current", _ROW
 
 
-def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
-    """Give each element its name from the arrangement `layout`, in order. Also return problems: missing
-    elements and superfluous elements.
+def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
+    """Name the values of the elements by the arrangement `layout`, in order. The kind of an element
+    determines the type of the value: a tuple of numbers, an integer, or bytes. Also return the problems.
     """
-    named: dict[str, Variant] = {}
+    named: dict[str, Any] = {}
     problems: list[Message] = []
     for name, kind in layout:
         place = len(named)
         if place < len(parts) and _kind_of_part(parts[place]) == kind:
-            named[name] = parts[place]
+            part = parts[place]
+            named[name] = (pose_numbers(part) or ()) if kind == _ROW else part.value
         else:
             found = _kind_of_part(parts[place]) if place < len(parts) else _END
             problems.append(
@@ -297,50 +289,28 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False
-    hand = _integer_part(named, "hand_io")
-    lone_hand = hand is not None and "mini_io" not in named
-    return not problems and not (lone_hand and (hand or 0) & 0xFF000000)
+    lone_hand = 0 if "mini_io" in named else named.get("hand_io", 0)
+    return not problems and not lone_hand & 0xFF000000
 
 
 def _is_valid_user_io(run: UserIO) -> bool:
-    """Return whether offset and size of a range are possible for user I/O. An offset of more than 16 bits is
-    unlikely.
-    """
+    """Return whether a range is possible for user I/O. An offset of more than 16 bits is unlikely."""
     return (
         128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
     )
 
 
-def _integer_part(named: Mapping[str, Variant], name: str) -> int | None:
-    value = named[name].value if name in named else None
-    return value if isinstance(value, int) else None
-
-
-def _user_io(named: Mapping[str, Variant], verb: str) -> UserIO | None:
-    offset, size = _integer_part(named, f"{verb}_offset"), _integer_part(named, f"{verb}_size")
+def _user_io(named: Mapping[str, Any], verb: str) -> UserIO | None:
+    offset, size = named.get(f"{verb}_offset"), named.get(f"{verb}_size")
     if offset is None or size is None:
         return None
-    data = named[f"{verb}_data"].value if f"{verb}_data" in named else None
-    return UserIO(offset, size, data if isinstance(data, bytes) else None)
-
-
-def _number_part(part: Variant | None) -> tuple[float, ...]:
-    return (pose_numbers(part) or ()) if part is not None else ()
-
-
-def _pose_of_part(
-    part: Variant | None, pose_type: PoseType | None
-) -> tuple[Pose | None, tuple[Message, ...]]:
-    return (None, ()) if part is None else build_pose(_number_part(part), pose_type)
+    return UserIO(offset, size, named.get(f"{verb}_data"))
 
 
 def _poses_of_part(
-    part: Variant | None, pose_type: PoseType | None, receive: ReceiveFormat | None
+    row: tuple[float, ...], pose_type: PoseType | None, receive: ReceiveFormat | None
 ) -> tuple[tuple[Pose, ...], tuple[Message, ...]]:
     """Decode the number array of a result, which holds one or two poses."""
-    if part is None:
-        return (), ()
-    row = _number_part(part)
     types = receive.poses if receive else _POSE_PAIRS.get(len(row), ())
     if len(types) == 2:
         size = len(AXES[types[0]])

@@ -33,9 +33,7 @@ class CallEffect(IntEnum):
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect that each function can have. `guard` derives the effect of a request from its
-arguments.
-"""
+"""Strongest effect of each function. `guard` derives the effect of a request from its arguments."""
 
 
 def function_effect(function_id: int) -> CallEffect:

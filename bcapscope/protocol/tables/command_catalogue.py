@@ -23,9 +23,7 @@ COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
 _POSE = "BSTR R8[] R4[] V[]"
 _LONGEST_COMPARED = 40
 _LEAST_SIMILARITY = 0.7
-"""Two names count as similar if difflib's ratio is at least this value. For slvChangeMode with two letters
-swapped, the ratio is 0.92.
-"""
+"""Minimum ratio of difflib for similar names; slvChangeMode with two letters swapped has 0.92."""
 
 
 @dataclass(frozen=True, slots=True)

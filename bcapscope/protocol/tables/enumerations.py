@@ -1,4 +1,7 @@
-"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls (`enumerations.tsv`)."""
+"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls.
+
+`enumerations.tsv` describes each table.
+"""
 
 from __future__ import annotations
 
@@ -18,45 +21,17 @@ def _numbers(table: str) -> Mapping[int, str]:
 
 
 INTERPOLATIONS = _numbers("interpolation")
-"""lComp of Robot_Move."""
-
 POSE_TYPES = _numbers("pose type")
-"""Pose type: the second element of a pose that is a VARIANT array. Controllers also accept the pose type's
-letter as text.
-"""
-
 PASS_MOTIONS = _numbers("pass motion")
-"""Pass motion: the third element of a pose that is a VARIANT array. If a number n is not in this table, it
-means @n. Controllers also accept the pass motion as text.
-"""
-
 TASK_START_MODES = _numbers("start mode")
-"""lMode of Task_Start."""
-
 TASK_STOP_MODES = _numbers("stop mode")
-"""lMode of Task_Stop."""
-
 TASK_STATES = _numbers("task state")
-"""Result of Task_Execute GetStatus."""
-
 AUTO_MODES = _numbers("automatic mode")
-"""Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
-
 SPEED_AXES = _numbers("axis")
-"""Special values of lAxis in Robot_Speed and Robot_Accelerate; all other values are axis numbers."""
-
 SYS_STATE_BITS = _numbers("state bit")
-"""Bits of the result of the command SysState; all other bits are reserved."""
-
 OBJECT_OPTIONS = _texts("option")
-"""Keys in bstrOption of Service_Start, Controller_Connect and functions such as Controller_GetRobot. WDT and
-InvokeTimeout must be at least 80 ms."""
-
 MOVE_OPTIONS = _texts("move option")
-"""Keys in bstrOption of Robot_Move."""
-
 PROVIDERS = _texts("provider")
-"""bstrProvider of Controller_Connect."""
 
 
 def sys_state_texts(value: int) -> tuple[str, ...]:

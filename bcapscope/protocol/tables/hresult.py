@@ -55,14 +55,10 @@ LEVELS = range(6)
 _ENDS_SLAVE_MODE = 3
 
 _GUESSED_RC7_FORM = 0x80000000
-"""Upper 16 bits of the form 8000xxxx, which RC7 may use for its four-digit codes. No document shows this
-form.
-"""
+"""Form 8000xxxx, which RC7 may use for its four-digit codes. No document shows this form."""
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
-"""Values of a code's third hex digit that stand for a part of the controller: motion, servo, system, user
-programs, pendant.
-"""
+"""Third hex digits that stand for motion, servo, system, user programs and pendant."""
 
 
 # Without `__slots__`, the class can cache `text`. This cache speeds up the JSON of a million replies.

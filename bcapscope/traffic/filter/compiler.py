@@ -58,21 +58,27 @@ is present.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NoReturn, TypeAlias, TypeVar
 
 from bcapscope.messages import Message
 from bcapscope.traffic.filter import operands
-from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, SINCE_FIRST, RecordKind, fields_of
+from bcapscope.traffic.filter.field_table import (
+    FIELD_BY_NAME,
+    SINCE_FIRST,
+    FilterField,
+    RecordKind,
+    fields_of,
+)
 from bcapscope.traffic.filter.matching import (
     COMPARISONS,
     ORDERINGS,
     Match,
+    all_of,
     any_of,
     element,
     is_number,
-    is_true,
 )
 from bcapscope.traffic.filter.operands import ComparedField
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, tokenize, with_nearest
@@ -80,20 +86,16 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, token
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Maximum depth of nested parentheses. Real expressions are nested far less deeply, and Python's recursion
-limit is far higher.
-"""
+"""Maximum depth of nested parentheses, far below Python's recursion limit."""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
 Test: TypeAlias = Callable[[Any], bool]
-Binder: TypeAlias = Callable[[Getters], Test]
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A compiled filter expression. `bind` turns the expression into a test that reads the fields with
-    getters.
+    """A valid filter expression. `bind` turns the expression into a test that reads the fields with getters.
 
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
@@ -107,7 +109,6 @@ class Filter:
     getter_names: frozenset[str]
     warnings: tuple[Message, ...]
     unknown_values: tuple[Message, ...]
-    _bind: Binder = field(repr=False, compare=False)
 
     def bind(
         self, getters: Mapping[str, Callable[[R], object]], first_time: Callable[[], int] | None = None
@@ -125,9 +126,9 @@ class Filter:
             KeyError: A getter in `getter_names` is missing.
         """
         if SINCE_FIRST not in self.getter_names or SINCE_FIRST in getters:
-            return self._bind(getters)
+            return _Parser(self.expression, self.kind, getters).parse()
         elapsed = _ElapsedTime(getters["time" if self.kind is RecordKind.FRAME else "started"], first_time)
-        test = self._bind({**getters, SINCE_FIRST: elapsed.of_record})
+        test = _Parser(self.expression, self.kind, {**getters, SINCE_FIRST: elapsed.of_record}).parse()
         return test if first_time is not None else lambda record: elapsed.note(record) and test(record)
 
 
@@ -140,7 +141,7 @@ class _ElapsedTime:
         self._noted: int | None = None
 
     def note(self, record: object) -> bool:
-        """If this record is the first record, start `t` at the time of this record. Return True."""
+        """If this record is the first record, start `t` at its time. Return True."""
         time = self._time_of(record)
         if self._noted is None and isinstance(time, int):
             self._noted = time
@@ -158,20 +159,20 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     Raises:
         FilterError: The expression is invalid, or uses a field that records of this kind do not have.
     """
-    parser = _Parser(expression, kind)
-    binder = parser.parse()
+    # The test is not used, so any getters are good enough.
+    parser = _Parser(expression, kind, dict.fromkeys(FIELD_BY_NAME, bool))
+    parser.parse()
     names = frozenset(parser.getter_names)
-    return Filter(expression, kind, names, tuple(parser.warnings), tuple(parser.unknown_values), binder)
+    return Filter(expression, kind, names, tuple(parser.warnings), tuple(parser.unknown_values))
 
 
 class _Parser:
-    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, such as a
-    comparison. The method returns the binder of this construct.
-    """
+    """Recursive-descent parser. Each method `parse_...` consumes one construct and returns its test."""
 
-    def __init__(self, expression: str, kind: RecordKind) -> None:
+    def __init__(self, expression: str, kind: RecordKind, getters: Getters) -> None:
         self.expression = expression
         self.kind = kind
+        self.getters = getters
         self.fields = fields_of(kind)
         self.getter_names: set[str] = set()
         self.warnings: list[Message] = []
@@ -180,13 +181,13 @@ class _Parser:
         self.position = 0
         self.depth = 0
 
-    def parse(self) -> Binder:
+    def parse(self) -> Test:
         if self.peek().kind is TokenKind.END:
             self.fail_at(self.peek(), Message("filter.empty"))
-        binder = self.parse_or()
+        test = self.parse_or()
         if self.peek().kind is not TokenKind.END:
             self.fail_at(self.peek(), Message("filter.no-end"))
-        return binder
+        return test
 
     def peek(self) -> Token:
         return self.tokens[self.position]
@@ -210,61 +211,61 @@ class _Parser:
     def fail_at(self, token: Token, reason: Message) -> NoReturn:
         raise FilterError(self.expression, token.start, reason)
 
-    def parse_or(self) -> Binder:
-        binders = [self.parse_and()]
+    def parse_or(self) -> Test:
+        tests = [self.parse_and()]
         while self.accept("||", "or"):
-            binders.append(self.parse_and())
-        return _any_of(binders) if len(binders) > 1 else binders[0]
+            tests.append(self.parse_and())
+        return any_of(tests)
 
-    def parse_and(self) -> Binder:
-        binders = [self.parse_not()]
+    def parse_and(self) -> Test:
+        tests = [self.parse_not()]
         while self.accept("&&", "and"):
-            binders.append(self.parse_not())
-        return _all_of(binders) if len(binders) > 1 else binders[0]
+            tests.append(self.parse_not())
+        return all_of(tests)
 
-    def parse_not(self) -> Binder:
+    def parse_not(self) -> Test:
         negated = False
         while self.accept("!", "not"):
             negated = not negated
-        binder = self.parse_group() if self.peek().is_sign("(") else self.parse_comparison()
-        return _negation(binder) if negated else binder
+        test = self.parse_group() if self.peek().is_sign("(") else self.parse_comparison()
+        return (lambda record: not test(record)) if negated else test
 
-    def parse_group(self) -> Binder:
+    def parse_group(self) -> Test:
         opening = self.advance()
         self.depth += 1
         if self.depth > DEEPEST_PARENTHESES:
             self.fail_at(opening, Message("filter.too-deep", limit=DEEPEST_PARENTHESES))
-        binder = self.parse_or()
+        test = self.parse_or()
         self.expect(")", Message("filter.no-group-end"))
         self.depth -= 1
-        return binder
+        return test
 
-    def parse_comparison(self) -> Binder:
+    def parse_comparison(self) -> Test:
         if self.peek().is_word("true", "false"):
-            return _constant(self.advance().is_word("true"))
+            value = self.advance().is_word("true")
+            return lambda record: value
         subject, path = self.parse_subject()
-        source = subject.field.getter_name
-        other = self.parse_other_field(subject)
-        if other is not None:
-            return _pair(source, path, *other)
+        read = _reader(self.getter(subject.field), path)
+        test = self.parse_field_comparison(subject, read)
+        if test is not None:
+            return test
         match = self.parse_match(subject)
-        return _term(source, path, match)
+        return lambda record: match(read(record)) is True
 
-    def parse_subject(self) -> tuple[ComparedField, tuple[int, ...]]:
+    def parse_subject(self) -> tuple[ComparedField, list[int]]:
+        """Consume a field name and indexes. Return the field or element, and the indexes."""
         token = self.advance()
         if token.kind is not TokenKind.WORD:
             case = "filter.no-field-but" if token.text else "filter.no-field"
             self.fail_at(token, Message(case, text=f"{token.text!r}"))
         if token.text not in self.fields:
             self.fail_at(token, self.unknown_field(token.text))
-        subject = ComparedField(
-            self.expression, self.fields[token.text], token.text, self.fields[token.text].type, token.start
-        )
-        self.getter_names.add(subject.field.getter_name)
+        field = self.fields[token.text]
+        subject = ComparedField(self.expression, field, token.text, field.type, token.start)
         path: list[int] = []
         while self.peek().is_sign("["):
             subject = self.parse_index(subject, path)
-        return subject, tuple(path)
+        return subject, path
 
     def parse_index(self, subject: ComparedField, path: list[int]) -> ComparedField:
         opening, index = self.advance(), self.advance()
@@ -277,15 +278,17 @@ class _Parser:
         path.append(int(index.text))
         return subject._replace(type=type_, name=f"{subject.name}[{index.text}]")
 
+    def getter(self, field: FilterField) -> Callable[[Any], object]:
+        self.getter_names.add(field.getter_name)
+        return self.getters[field.getter_name]
+
     def unknown_field(self, name: str) -> Message:
         if name in FIELD_BY_NAME:
             return Message(f"filter.not-of-{self.kind}s", name=name)
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
-    def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
-        """Consume a sign and a second field of the same type. Return the sign and the name of the second
-        field's getter.
-        """
+    def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
+        """If a comparison with a second field of the same type follows, consume the sign and this field."""
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
             return None
@@ -294,13 +297,16 @@ class _Parser:
         if found is None or found.type is not subject.type:
             return None
         self.position += 2
-        self.getter_names.add(found.getter_name)
-        return sign.text, found.getter_name
+        compare, read_other = COMPARISONS[sign.text], self.getter(found)
+
+        def test(record: Any) -> bool:
+            value, limit = read(record), read_other(record)
+            return is_number(value) and is_number(limit) and compare(value, limit)
+
+        return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. If there is no comparison sign, the filter selects
-        records whose field is true.
-        """
+        """Consume a comparison sign and its operand. Without a sign, the field itself is the condition."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()
@@ -315,7 +321,7 @@ class _Parser:
             return operands.contains(subject, self.advance())
         if sign.is_word("in", "not"):
             return self.parse_membership(subject)
-        return is_true
+        return bool
 
     def parse_membership(self, subject: ComparedField) -> Match:
         negated = self.accept("", "not")
@@ -344,11 +350,7 @@ class _Parser:
         return literals
 
 
-def _constant(value: bool) -> Binder:
-    return lambda getters: lambda record: value
-
-
-def _reader(get: Callable[[Any], object], path: tuple[int, ...]) -> Callable[[Any], object]:
+def _reader(get: Callable[[Any], object], path: Sequence[int]) -> Callable[[Any], object]:
     if not path:
         return get
 
@@ -359,53 +361,3 @@ def _reader(get: Callable[[Any], object], path: tuple[int, ...]) -> Callable[[An
         return value
 
     return read
-
-
-def _term(source: str, path: tuple[int, ...], match: Match) -> Binder:
-    def bind(getters: Getters) -> Test:
-        read = _reader(getters[source], path)
-        return lambda record: match(read(record))
-
-    return bind
-
-
-def _pair(source: str, path: tuple[int, ...], sign: str, other: str) -> Binder:
-    compare = COMPARISONS[sign]
-
-    def bind(getters: Getters) -> Test:
-        read, read_other = _reader(getters[source], path), getters[other]
-
-        def test(record: Any) -> bool:
-            value, limit = read(record), read_other(record)
-            return is_number(value) and is_number(limit) and compare(value, limit)
-
-        return test
-
-    return bind
-
-
-def _negation(binder: Binder) -> Binder:
-    def bind(getters: Getters) -> Test:
-        test = binder(getters)
-        return lambda record: not test(record)
-
-    return bind
-
-
-def _all_of(binders: list[Binder]) -> Binder:
-    def bind(getters: Getters) -> Test:
-        tests = tuple(binder(getters) for binder in binders)
-
-        def test(record: Any) -> bool:
-            for one in tests:  # noqa: SIM110  # twice as fast as all() over a generator
-                if not one(record):
-                    return False
-            return True
-
-        return test
-
-    return bind
-
-
-def _any_of(binders: list[Binder]) -> Binder:
-    return lambda getters: any_of([binder(getters) for binder in binders])

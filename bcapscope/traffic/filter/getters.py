@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, TypeAlias
+from operator import attrgetter
+from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, Problem
 from bcapscope.protocol.tables.function_table import function_name
@@ -83,10 +84,7 @@ class AnnotatedFrame(NamedTuple):
         return item.code if isinstance(item, Frame) and flow.direction is Direction.RESPONSE else None
 
 
-_Read: TypeAlias = Callable[[AnnotatedFrame], object]
-
-
-def _of_frame(read: Callable[[Frame], object]) -> _Read:
+def _of_frame(read: Callable[[Frame], object]) -> Callable[[AnnotatedFrame], object]:
     return lambda told: read(told.observation.item) if isinstance(told.observation.item, Frame) else None
 
 
@@ -95,16 +93,12 @@ def _length(annotated: AnnotatedFrame) -> int:
     return item.length if isinstance(item, Frame) else len(item.raw)
 
 
-def _of_hresult(read: Callable[[int], object]) -> _Read:
-    def get(told: AnnotatedFrame) -> object:
-        code = told.hresult
+def _of_hresult(read: Callable[[int], object]) -> Callable[[AnnotatedFrame | Call], object]:
+    def get(record: AnnotatedFrame | Call) -> object:
+        code = record.hresult
         return None if code is None else read(code)
 
     return get
-
-
-def _of_call_kind(read: Callable[[CallKind], object]) -> _Read:
-    return lambda told: None if told.call_kind is None else read(told.call_kind)
 
 
 FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
@@ -120,7 +114,7 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "length": _length,
     "serial": _of_frame(lambda frame: frame.serial),
     "reserved": _of_frame(lambda frame: frame.reserved),
-    "function_id": _of_call_kind(lambda question: question.function_id),
+    "function_id": lambda told: None if told.call_kind is None else told.call_kind.function_id,
     "function": lambda told: told.function,
     "command": lambda told: told.command,
     "arg": _of_frame(lambda frame: frame.arguments),
@@ -132,54 +126,36 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 """Getter of each frame field, by name."""
 
 
-def _clients(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
-    """Return the address of the client. If the call was captured on both legs of a proxy, return the address
-    of the client on each leg.
-    """
-    near, far = call.conversation, call.conversation.controller_leg
-    return near.client if far is None else (near.client, far.client)
+def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], object]:
+    """Return a getter for the address on one leg, or on both legs of a proxy."""
+
+    def get(call: Call) -> object:
+        near, far = call.conversation, call.conversation.controller_leg
+        return read(near) if far is None else (read(near), read(far))
+
+    return get
 
 
-def _servers(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
-    near, far = call.conversation, call.conversation.controller_leg
-    return near.server if far is None else (near.server, far.server)
-
-
-def _result_name(call: Call) -> str | None:
-    return None if call.hresult is None else hresult_name(call.hresult)
-
-
-def _result_text(call: Call) -> str | None:
-    return None if call.hresult is None else describe_hresult(call.hresult).text
-
-
+_CALL_ATTRIBUTES = (
+    "function command hresult serials retries unseen_retries outcome latency rtt convention verdict"
+)
 CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "call": lambda call: call.number,
-    "client": _clients,
-    "server": _servers,
+    "client": _of_legs(lambda conversation: conversation.client),
+    "server": _of_legs(lambda conversation: conversation.server),
     "transport": lambda call: call.conversation.transport,
     "function_id": lambda call: call.kind.function_id,
-    "function": lambda call: call.function,
-    "command": lambda call: call.command,
     "arg": lambda call: call.request.item.arguments,
-    "hresult": lambda call: call.hresult,
-    "hresult_name": _result_name,
-    "hresult_text": _result_text,
+    "hresult_name": _of_hresult(hresult_name),
+    "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
     "started": lambda call: call.request.time,
     "requests": lambda call: [seen.number for seen in call.attempts],
-    "serials": lambda call: call.serials,
-    "retries": lambda call: call.retries,
-    "unseen_retries": lambda call: call.unseen_retries,
     "replies": lambda call: [] if call.reply is None else [call.reply.number],
     "late_replies": lambda call: [seen.number for seen in call.late_replies],
     "lost_replies": lambda call: [seen.number for seen in call.lost_replies],
     "executing": lambda call: len(call.notices),
     "duplicates": lambda call: [seen.number for seen in call.duplicates],
     "captured_again": lambda call: [seen.number for seen in call.captured_again],
-    "outcome": lambda call: call.outcome,
-    "latency": lambda call: call.latency,
-    "rtt": lambda call: call.rtt,
-    "convention": lambda call: call.convention,
-    "verdict": lambda call: call.verdict,
+    **{name: attrgetter(name) for name in _CALL_ATTRIBUTES.split()},
 }
 """Getter of each call field, by name."""

@@ -1,4 +1,4 @@
-"""Tests of one value in a filter. Each test takes any value, returns a bool and raises no exception."""
+"""Tests of one value in a filter. Each test takes any value, and raises no exception."""
 
 from __future__ import annotations
 
@@ -7,16 +7,21 @@ import operator
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias, TypeGuard
+from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.traffic.observation import Endpoint
 
-Match: TypeAlias = Callable[[object], bool]
+Match: TypeAlias = Callable[[object], bool | None]
+"""Returns whether a value matches; None or False if the value has another type than the literal. Tests for
+equality with a literal return None in this case, because both == and != are then false.
+"""
+
 Number: TypeAlias = "int | float | Fraction"
 Address: TypeAlias = "ipaddress.IPv4Address | ipaddress.IPv6Address"
+T = TypeVar("T")
 
 ORDERINGS: dict[str, Callable[[Number, Number], bool]] = {
     "<": operator.lt,
@@ -31,22 +36,9 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Maximum length in characters of a text whose test result is cached. Names, commands and endpoints recur,
-and are shorter than this length. Longer texts are not cached, so that a hostile client cannot fill the
-memory.
+"""Maximum length in characters of a text whose test result is cached, so that a hostile client cannot fill
+the memory. Names, commands and endpoints are shorter.
 """
-
-
-class LiteralMatch(NamedTuple):
-    """How a filter compares values with a literal.
-
-    Attributes:
-        same_kind: Function that returns whether a value can be compared with the literal. If a value cannot
-            be compared with the literal, both == and != are false.
-    """
-
-    same_kind: Match
-    equal: Match
 
 
 def plain_value(value: object) -> object:
@@ -63,28 +55,16 @@ def element(value: object, index: int) -> object:
 
 
 def elements(value: object) -> Sequence[object]:
-    """Return the elements of a list, or an empty sequence for any other value. A bytes value is a list of
-    numbers."""
+    """Return the elements of a list; () for any other value. A bytes value is a list of numbers."""
     if type(value) is tuple:
         return value
     value = plain_value(value)
     return value if isinstance(value, (tuple, list, bytes)) and not isinstance(value, Endpoint) else ()
 
 
-def is_number(value: object) -> TypeGuard[int | float]:
+def is_number(value: object) -> TypeGuard[Number]:
     """Return whether a value is a number. A VT_BOOL is no number."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-def is_null(value: object) -> bool:
-    return value is None
-
-
-def is_true(value: object) -> bool:
-    """Return False if the value is missing, 0, false, an empty text or an empty list; True for any other
-    value.
-    """
-    return bool(value)
+    return isinstance(value, (int, float, Fraction)) and not isinstance(value, bool)
 
 
 def text_of(value: object) -> str | None:
@@ -94,67 +74,54 @@ def text_of(value: object) -> str | None:
     return str(value) if isinstance(value, Endpoint) else None
 
 
-def _is_anything(value: object) -> bool:
-    return True
+def null(value: object) -> bool:
+    return value is None
 
 
-def _is_text(value: object) -> TypeGuard[str]:
-    return isinstance(value, str)
+def number(wanted: Number) -> Match:
+    # for nearly all values, the check of the type is faster than `is_number`
+    return lambda value: value == wanted if type(value) is int or is_number(value) else None
 
 
-def _is_endpoint(value: object) -> TypeGuard[str | Endpoint]:
-    return isinstance(value, (str, Endpoint))
+def boolean(wanted: bool) -> Match:
+    """Match the boolean true or false. The numbers 1 and 0 are no booleans."""
+    return lambda value: value is wanted if isinstance(value, bool) else None
 
 
-def _is_endpoint_or_legs(value: object) -> bool:
-    return _is_endpoint(value) or type(value) is tuple
+def text(wanted: str) -> Match:
+    """Match a text, ignoring case."""
+    folded = wanted.casefold()
+    return lambda value: value.casefold() == folded if isinstance(value, str) else None
+
+
+def code(wanted: int) -> Match:
+    """Match an HRESULT, whether the value is signed or unsigned."""
+    unsigned = wanted & _U32
+    return lambda value: value & _U32 == unsigned if _is_code(value) else None
 
 
 def _is_code(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-NULL = LiteralMatch(_is_anything, is_null)
-
-
-def number(wanted: Number) -> LiteralMatch:
-    return LiteralMatch(is_number, lambda value: value == wanted and not isinstance(value, bool))
-
-
-def boolean(wanted: bool) -> LiteralMatch:
-    """Match the boolean true or false. The numbers 1 and 0 are no booleans."""
-    return LiteralMatch(lambda value: isinstance(value, bool), lambda value: value is wanted)
-
-
-def text(wanted: str) -> LiteralMatch:
-    """Match a text, ignoring case."""
-    folded = wanted.casefold()
-    return LiteralMatch(_is_text, lambda value: _is_text(value) and value.casefold() == folded)
-
-
-def code(wanted: int) -> LiteralMatch:
-    """Match an HRESULT, whether the value is signed or unsigned."""
-    unsigned = wanted & _U32
-    return LiteralMatch(_is_code, lambda value: _is_code(value) and value & _U32 == unsigned)
-
-
-def endpoint(address: Address, port: int | None) -> LiteralMatch:
-    """Return a test for the IP address `address` and the port `port`. If `port` is None, any port matches. A
-    call through a proxy has one address per leg in a tuple; one of these addresses must match.
+def endpoint(address: Address, port: int | None) -> Match:
+    """Match an IP address and a port, or any port if `port` is None. A call through a proxy has one address
+    per leg in a tuple; one of these addresses must match.
     """
 
-    def equal(value: object) -> bool:
+    def match(value: object) -> bool | None:
         if type(value) is tuple:
-            return any(map(equal, value))
-        found = parse_endpoint(value) if _is_endpoint(value) else None
+            return any(map(match, value))
+        if not isinstance(value, (str, Endpoint)):
+            return None
+        found = parse_endpoint(value)
         return found is not None and found[0] == address and (port is None or found[1] == port)
 
-    return LiteralMatch(_is_endpoint_or_legs, equal)
+    return match
 
 
 def parse_endpoint(value: str | Endpoint) -> tuple[Address, int | None] | None:
-    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; return None for other
-    text."""
+    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; None for other text."""
     written = str(value)
     return _parse_endpoint(written) if len(written) <= _LONGEST_REMEMBERED else None
 
@@ -184,40 +151,57 @@ def _parse_port(written: str) -> int | None:
     return port
 
 
-def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
+def equality(wanted: Sequence[Match], negated: bool) -> Match:
     """Match a value that equals one of the `wanted` literals. If `negated` is True, a value matches if it
     equals no literal but can be compared with at least one.
     """
-    same_kind = any_of([one.same_kind for one in wanted])
-    equal = any_of([one.equal for one in wanted])
-    return (lambda value: same_kind(value) and not equal(value)) if negated else equal
-
-
-def any_of(matches: Sequence[Match]) -> Match:
-    if len(matches) == 1:
-        return matches[0]
+    if not negated:
+        return any_of(wanted)
+    if len(wanted) == 1:
+        (only,) = wanted
+        return lambda value: only(value) is False
 
     def match(value: object) -> bool:
-        for one in matches:  # noqa: SIM110  # twice as fast as any() over a generator
-            if one(value):
-                return True
-        return False
+        results = {equal(value) for equal in wanted}
+        return False in results and True not in results
 
     return match
 
 
+def any_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
+    if len(tests) == 1:
+        return tests[0]
+
+    def test(value: object) -> bool:
+        for one in tests:  # noqa: SIM110  # twice as fast as any() over a generator
+            if one(value):
+                return True
+        return False
+
+    return test
+
+
+def all_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
+    if len(tests) == 1:
+        return tests[0]
+
+    def test(value: object) -> bool:
+        for one in tests:  # noqa: SIM110  # twice as fast as all() over a generator
+            if not one(value):
+                return False
+        return True
+
+    return test
+
+
 def order(sign: str, wanted: Number) -> Match:
-    """Return a test that compares a number with `wanted` by a sign such as <. NaN and values of other types
-    never match.
-    """
+    """Compare a number with `wanted` by a sign such as <. NaN and values of other types never match."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Return a test that compares an HRESULT with `wanted` by a sign such as <. The HRESULT is compared as a
-    signed or unsigned number.
-    """
+    """Compare an HRESULT, as a signed or unsigned number, with `wanted` by a sign such as <."""
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip
@@ -233,13 +217,13 @@ def contains(wanted: str | int | float) -> Match:
 
 
 def _has_number(wanted: int | float) -> Match:
-    """Return a test that is true for a list that contains the number `wanted`.
+    """Match a list that contains the number `wanted`.
 
     A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
     therefore uses C code of the interpreter, which searches 65,536 numbers in a millisecond. All elements of
     a list in a frame have the same type.
     """
-    equal = number(wanted).equal
+    equal = number(wanted)
     is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
 
     def match(value: object) -> bool:
@@ -254,7 +238,7 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Return a test that searches a text, or each text in a list, for a regular expression.
+    """Match a text, or a list with a text, that contains a regular expression.
 
     With any regular expression, RE2 needs a time proportional to the length of the text.
 

@@ -16,7 +16,7 @@ from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import CODE_BY_NAME, is_known_code
 from bcapscope.traffic.filter import matching as matches
 from bcapscope.traffic.filter.field_table import FieldType, FilterField
-from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
+from bcapscope.traffic.filter.matching import Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
@@ -27,9 +27,7 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Smallest plausible capture time in ns since 1970. This time is in 1973. A smaller number is probably a
-mistake.
-"""
+"""Smallest plausible capture time in ns since 1970, in 1973. A smaller number is probably a mistake."""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -39,7 +37,7 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The facts about the left side of a comparison that the compiler of the right side needs.
+    """The left side of a comparison.
 
     Attributes:
         expression: The whole filter expression, for error messages.
@@ -55,9 +53,7 @@ class ComparedField(NamedTuple):
     start: int
 
     def mismatch(self, case: str, **places: str) -> Message:
-        """Return the message whose id is ``filter.`` followed by `case`. The message contains the names of
-        the field and of its type.
-        """
+        """Return the message ``filter.`` + `case`, with the names of the field and of its type."""
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
@@ -128,9 +124,7 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message if the field's table lacks a value. The message contains the most similar value of the
-    table.
-    """
+    """Yield a message if the field's table lacks a value, with the most similar value of the table."""
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)
@@ -158,7 +152,6 @@ def check_literal(compared: ComparedField, token: Token) -> None:
 
 
 def int_of(token: Token) -> int:
-    """Return the integer part of a decimal or hexadecimal number token."""
     return int(token.text, 16) if _is_hex(token) else math.trunc(Fraction(token.text))
 
 
@@ -166,10 +159,10 @@ def _is_hex(token: Token) -> bool:
     return "x" in token.text.casefold()
 
 
-def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
+def _literal_match(compared: ComparedField, token: Token) -> Match:
     check_literal(compared, token)
     if token.is_word("null"):
-        return matches.NULL
+        return matches.null
     if compared.type in _LISTS:
         compared.fail_at(token, compared.mismatch("is-list"))
     match compared.type:
@@ -184,7 +177,7 @@ def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
     return matches.number(_number(compared, token))
 
 
-def _value(compared: ComparedField, token: Token) -> LiteralMatch:
+def _value(compared: ComparedField, token: Token) -> Match:
     if token.kind is TokenKind.NUMBER:
         return matches.number(_number(compared, token))
     if token.is_word("true", "false"):
@@ -206,7 +199,7 @@ def _text(compared: ComparedField, token: Token) -> str:
     return token.text
 
 
-def _endpoint(compared: ComparedField, token: Token) -> LiteralMatch:
+def _endpoint(compared: ComparedField, token: Token) -> Match:
     found = matches.parse_endpoint(token.text) if token.kind in (TokenKind.ADDRESS, TokenKind.TEXT) else None
     if found is None:
         compared.fail_at(token, Message("filter.no-address", text=f"{token.text!r}"))

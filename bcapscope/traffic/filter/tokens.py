@@ -43,9 +43,7 @@ class FilterError(InputError):
 
 
 def _printable(text: str) -> str:
-    """Replace control characters, so that the text is safe for a terminal, and remains one line of the same
-    length.
-    """
+    """Replace each control character by one character that is safe for a terminal."""
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
 
 
@@ -68,11 +66,11 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """One token of a filter expression: a word, number, text, address or sign.
+    """One token of a filter expression.
 
     Attributes:
-        text: Text of the token, as the expression has it. The text of a quoted token has no quotes and no
-            escapes. The text of a number has no unit.
+        text: Text of the token. The text of a quoted token has no quotes and no escapes. The text of a number
+            has no unit.
         stop: Index in the expression after the last character of the token.
         unit: Unit after a number. A space may precede a unit of time.
     """
@@ -87,9 +85,7 @@ class Token(NamedTuple):
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
-        """Return whether the token is one of the keywords that were passed. Upper and lower case are the
-        same.
-        """
+        """Return whether the token is one of these keywords, in upper or lower case."""
         return self.kind is TokenKind.WORD and self.text.casefold() in texts
 
 

@@ -12,9 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 SEGMENT_NS = 10_000_000_000
-"""Length in ns of a time segment. The offset of the clocks is estimated for each segment. Over this time,
-clocks drift apart by less than 2 ms even at 200 ppm.
-"""
+"""Length in ns of a time segment. In this time, clocks drift apart by less than 2 ms even at 200 ppm."""
 
 MAX_DRIFT = 200e-6
 """Maximum drift between two clocks, as a ratio. The quartz of a PC is off by at most 100 ppm."""
@@ -56,43 +54,19 @@ class ClockEstimate(NamedTuple):
         return time - self.offset_at(time)
 
 
-class _Segment:
-    """Lower and upper bound of the offset in one time segment. Each bound has the time of the frame that
-    proves it.
-    """
-
-    def __init__(self) -> None:
-        self.most: tuple[int, int] | None = None
-        self.least: tuple[int, int] | None = None
-
-    @property
-    def middle(self) -> tuple[int, int] | None:
-        """Middle of the two bounds, as time and offset; None if a bound is unknown."""
-        if self.most is None or self.least is None:
-            return None
-        return (self.most[1] + self.least[1]) // 2, (self.most[0] + self.least[0]) // 2
-
-
 class ClockEstimator:
     """Collects the times of frames that two places captured. Add the frames in order of time."""
 
     def __init__(self) -> None:
-        self._segments: dict[int, _Segment] = {}
-        self._most = _LowerHull()
-        self._least = _LowerHull()
+        self._most = _UpperBound()
+        self._least = _UpperBound()  # of the negative offset
 
     def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
         """Add a frame with its time at each place, in ns since 1970 by the clock of that place."""
-        ahead = at_controller - at_client
-        segment = self._segments.setdefault(at_controller // SEGMENT_NS, _Segment())
         if is_request:
-            self._most.add(at_controller, ahead)
-            if segment.most is None or ahead < segment.most[0]:
-                segment.most = ahead, at_controller
+            self._most.add(at_controller, at_controller - at_client)
         else:
-            self._least.add(at_controller, -ahead)
-            if segment.least is None or ahead > segment.least[0]:
-                segment.least = ahead, at_controller
+            self._least.add(at_controller, at_client - at_controller)
 
     def estimate(self) -> ClockEstimate | None:
         """Return the estimate; None if no frame was added."""
@@ -105,31 +79,35 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for clocks whose drift changes: a curve through the middle of each segment's
-        bounds.
-        """
-        segments = [segment for _, segment in sorted(self._segments.items())]
-        middles = dict(middle for segment in segments if (middle := segment.middle) is not None)
-        widths = [
-            abs(segment.most[0] - segment.least[0])
-            for segment in segments
-            if segment.most is not None and segment.least is not None
-        ]
+        """Return an estimate for clocks whose drift changes: a curve between the bounds of each segment."""
+        most, least = self._most.lowest, self._least.lowest
+        middles, error = {}, 0
+        for segment in sorted(most.keys() & least.keys()):
+            (ahead, time), (behind, other_time) = most[segment], least[segment]
+            middles[(time + other_time) // 2] = (ahead - behind) // 2
+            error = max(error, (abs(ahead + behind) + 1) // 2)
         if not middles:  # no segment has both requests and replies
             time, ahead = self._most.corners[0]
             return ClockEstimate(((time, ahead),), UNKNOWN_ERROR_NS)
-        return ClockEstimate(tuple(sorted(middles.items())), (max(widths) + 1) // 2)
+        return ClockEstimate(tuple(sorted(middles.items())), error)
 
 
-class _LowerHull:
-    """The corners of the lower convex hull of points that are added in order of time. A point is left out
-    unless it is later than the previous point.
+class _UpperBound:
+    """An upper bound for an offset, from values that are added in order of time.
+
+    Attributes:
+        corners: Corners of the lower convex hull of the values, as pairs of time and value. A value is left
+            out unless it is later than the previous value.
+        lowest: Lowest value in each time segment, with its time.
     """
 
     def __init__(self) -> None:
         self.corners: list[tuple[int, int]] = []
+        self.lowest: dict[int, tuple[int, int]] = {}
 
     def add(self, time: int, value: int) -> None:
+        segment = time // SEGMENT_NS
+        self.lowest[segment] = min(self.lowest.get(segment, (value, time)), (value, time))
         corners = self.corners
         if corners and time <= corners[-1][0]:
             return
@@ -204,9 +182,7 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound`, searched from `sound`, at which the concave function `value` is
-    not negative.
-    """
+    """Return the number nearest to `bound` at which the concave function `value` is not negative."""
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from statistics import median
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Observation, Transport
 
 SAMPLE_FRAMES = 2048
-"""Maximum number of frames in a sample. At a cycle time of 8 ms and two frames per cycle, the sample covers 8
-s.
-"""
+"""Maximum number of frames in a sample: 8 s at a cycle time of 8 ms and two frames per cycle."""
 
 FEWEST_SHARED = 4
 """Minimum number of equal frames in two samples of the same conversation."""
@@ -59,7 +57,6 @@ class FrameSample:
     """A sample of the frames of one capture.
 
     Attributes:
-        count: Number of frames in the sample.
         frames: Maps a conversation, a direction and the bytes of a frame to the time of the first such frame.
     """
 
@@ -93,17 +90,19 @@ def _compare(
     frames: dict[_FrameKey, int],
     other_frames: dict[_FrameKey, int],
 ) -> SharedConversation | None:
-    common = [key for key in frames if key in other_frames and key[1]]
-    if len(common) < FEWEST_SHARED:
+    offsets = {
+        key: other_frames[key] - time for key, time in frames.items() if key in other_frames and key[1]
+    }
+    if len(offsets) < FEWEST_SHARED:
         return None
-    offset = _middle([other_frames[key] - frames[key] for key in common])
-    same = [key for key in common if abs(other_frames[key] - frames[key] - offset) <= _SAME_OFFSET_NS]
-    if len(same) < FEWEST_SHARED or 2 * len(same) < len(common):
+    offset = _middle(offsets.values())
+    same = {key: each for key, each in offsets.items() if abs(each - offset) <= _SAME_OFFSET_NS}
+    if len(same) < FEWEST_SHARED or 2 * len(same) < len(offsets):
         return None
     requests, replies = (
-        [other_frames[key] - frames[key] for key in same if key[0] is direction] for direction in Direction
+        [each for (direction, _), each in same.items() if direction is wanted] for wanted in Direction
     )
-    spread = _middle([abs(other_frames[key] - frames[key] - offset) for key in same])
+    spread = _middle(abs(each - offset) for each in same.values())
     fewest = max(SURE_FRAMES, round(SURE_SHARE * min(len(frames), len(other_frames))))
     return SharedConversation(
         ends,
@@ -114,5 +113,5 @@ def _compare(
     )
 
 
-def _middle(values: Sequence[int]) -> int:
+def _middle(values: Iterable[int]) -> int:
     return round(median(values))

@@ -49,9 +49,7 @@ class JoinedObservation(Observation):
 
     @property
     def was_lost_between(self) -> bool:
-        """Whether the frame was lost between the two places. The capture at the receiver's side lacks such a
-        frame.
-        """
+        """Whether the frame was lost between the two places: the receiver's side lacks it."""
         receiver = self.at_controller if self.is_request else self.at_client
         return self.is_missed and receiver is None
 
@@ -71,9 +69,7 @@ class JoinedObservation(Observation):
 
     @property
     def held_by_proxy(self) -> int:
-        """Time in ns that the frame took from one leg of a proxy to the other; 0 if unknown or without a
-        proxy.
-        """
+        """Time in ns from one leg of a proxy to the other; 0 if unknown or without a proxy."""
         return (self.delay or 0) if self.is_relayed else 0
 
     def sightings(self) -> Iterator[Observation]:
@@ -93,9 +89,7 @@ def join_sightings(
     note: str = "",
     delay_error: int = 0,
 ) -> JoinedObservation:
-    """Join one or two sightings into one observation. `flow` is the frame's flow as captured at the client's
-    side.
-    """
+    """Join one or two sightings into one observation. `flow` is the flow at the client's side."""
     base = at_client or at_controller
     assert base is not None
     joined = JoinedObservation(base.number, base.time, base.first_byte_time, flow, base.item, base.packet)

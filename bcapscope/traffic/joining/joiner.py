@@ -4,13 +4,12 @@ order of time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import permutations
 
-from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
-from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, PlaceMerger
+from bcapscope.traffic.joining.leg_joiner import LegJoiner
+from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
     NestedCalls,
@@ -21,9 +20,7 @@ from bcapscope.traffic.joining.twin_recognition import (
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation
 
 HELD_NS = 1_000_000_000
-"""Maximum time in ns for which the traffic of a new conversation is held. While the traffic is held,
-bcapscope looks for a conversation that is the other leg of the proxy.
-"""
+"""Maximum time in ns for which a new conversation is held while the joiner looks for its other leg."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
 """Maximum time in ns for which a conversation without any reply is held. The proxy may have dropped the first
@@ -31,17 +28,14 @@ requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN
 """
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait because earlier observations may follow. Beyond this
-limit, bcapscope stops waiting for counterparts of the held conversations.
-"""
+"""Maximum number of waiting observations. Beyond this limit, all held conversations are decided at once."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a conversation counts as direct traffic, not as the leg of a proxy. No
-other conversation may have the same requests. A proxy forwards a request before it receives the reply. With a
-proxy, the request would have been captured twice before the reply.
+"""Number of answered calls after which a conversation counts as direct traffic if no other conversation has
+the same requests. A proxy would have forwarded each request before its reply.
 """
 
 MAX_NEW = 1024
@@ -51,9 +45,7 @@ MAX_SUSPECTS = 32
 """Maximum number of conversations with which the joiner compares one new conversation."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that the joiner remembers. Beyond this limit, the joiner forgets all
-conversations, and must recognise them again.
-"""
+"""Maximum number of conversations that the joiner remembers. Beyond this limit, it forgets all of them."""
 
 MAX_JOINED = 256
 """Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest conversation.
@@ -104,8 +96,8 @@ class _NewConversation:
             del self.held[0]
 
 
-class Joiner:
-    """Joins the two legs of a proxied conversation, which a capture holds as two conversations.
+class Joiner(LegJoiner):
+    """Finds and joins the two legs of a proxied conversation, which a capture holds as two conversations.
 
     The joiner holds a new conversation, for at most `HELD_NS`, until it knows whether another conversation is
     the second leg. The joiner returns observations of joined conversations as `JoinedObservation`, and all
@@ -114,7 +106,6 @@ class Joiner:
     Attributes:
         passing: Flows whose conversation is not the leg of a proxy. Their observations never wait. Callers
             need not add the observations of the flows in `passing`.
-        delivered_until: Time up to which all observations were returned, ns since 1970.
     """
 
     def __init__(
@@ -127,63 +118,38 @@ class Joiner:
             only: Place from which observations are returned without joining; None to join. If a conversation
                 has no second leg, its observations are always returned.
         """
+        notes = {} if comments is None else comments
+        super().__init__(lambda observation: notes.get(observation.packet, ()))
         self.passing: set[Flow] = set()
-        self.delivered_until = 0
-        self._comments = {} if comments is None else comments
         self._only = only
         self._hidden: set[Conversation] = set()
         self._single_flows: set[Flow] = set()
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
         self._senders: dict[bytes, dict[Conversation, None]] = {}
-        self._recent: dict[Conversation, list[Observation]] = {}
-        self._recent_count = 0
-        self._mergers: dict[Conversation, tuple[PlaceMerger, CapturePlace]] = {}
         self._captured_twins: dict[CapturedTwins, PlaceMerger] = {}
-        self._busy: dict[PlaceMerger, None] = {}  # mergers that may hold frames
-        self._queue = DeliveryQueue()
-        self._now = self._next_due = 0
-
-    def add(self, observation: Observation) -> Sequence[Observation]:
-        """Add the next observation. Return all observations that are due now, in order of time."""
-        time = observation.time
-        due: list[Observation] = []
-        if time < self._now - JOIN_WITHIN_NS:  # the clock of the capturing computer was set back
-            due = self.close()
-            self._now = time
-        self._now = max(self._now, time)
-        flow = observation.flow
-        known = self._mergers.get(flow.conversation)
-        if known is not None:
-            merger, place = known
-            merger.add(observation, place)
-            self._busy[merger] = None
-        elif flow.conversation in self._single:
-            self._single_flows.add(flow)
-            self._queue.add(observation)
-            if self._new:
-                self._note_recent(observation)
-        elif flow.conversation not in self._hidden:
-            self._add_new(observation)
-        return [*due, *self._pop_due()]
+        self._next_due = 0
 
     @property
     def own_requests(self) -> int:
         """Number of requests that proxies sent on their own, for example to close a session."""
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
-    def expire(self, now: int) -> Sequence[Observation]:
-        """Return the observations that are due at the time `now`, ns since 1970, without a new
-        observation."""
-        self._now = max(self._now, now)
-        return self._pop_due()
-
     def close(self) -> list[Observation]:
-        """Return all observations that are held, because the traffic has ended."""
         self._decide_all()
-        due = self._queue.pop_all()
+        due = super().close()
         self._update_passing()
         return due
+
+    def _add_unmerged(self, observation: Observation) -> None:
+        flow = observation.flow
+        if flow.conversation in self._single:
+            self._single_flows.add(flow)
+            self._queue.add(observation)
+            if self._new and flow.direction is _REQUEST:
+                self._note_sender(observation)
+        elif flow.conversation not in self._hidden:
+            self._add_new(observation)
 
     def _add_captured_twin(self, observation: Observation, side: CaptureSide) -> None:
         """Add the first observation of a conversation that two captures hold."""
@@ -197,20 +163,13 @@ class Joiner:
             return
         merger = self._captured_twins.get(twins)
         if merger is None:
-            merger = self._captured_twins[twins] = PlaceMerger(
-                conversation,
-                self._queue.add,
-                is_relayed=twins.is_relayed,
-                coverage=twins.coverage,
-                clock_error=twins.clock_error,
-                notes_of=self._comments_on,
-            )
+            merger = PlaceMerger(conversation, self._queue.add, self._notes_of, twins)
+            self._captured_twins[twins] = merger
         elif twins.is_relayed and merger.conversation.controller_leg is None:
             merger.conversation.controller_leg = conversation
         self.passing = set()
         self._mergers[conversation] = merger, side.place
-        merger.add(observation, side.place)
-        self._busy[merger] = None
+        self._merge(observation)
 
     def _add_new(self, observation: Observation) -> None:
         conversation = observation.flow.conversation
@@ -230,7 +189,9 @@ class Joiner:
         if new.answered >= OWN_CALLS and not new.suspects:
             self._release(new)
         elif new.answered >= ENOUGH_CALLS and new.answered % ENOUGH_CALLS == 0:
-            self._decide_if_proved(new)
+            twins = self._best_twins(new, ENOUGH_CALLS)
+            if twins is not None:
+                self._join(*twins)
         if len(new.held) >= HELD_FRAMES and conversation in self._new:
             self._decide(new)
 
@@ -245,24 +206,8 @@ class Joiner:
             if other is not None or sender in self._single:
                 new.add_suspect(sender)
 
-    def _note_recent(self, observation: Observation) -> None:
-        """Remember an observation of a conversation without a second leg while new conversations are held."""
-        if self._recent_count >= MAX_WAITING:
-            self._forget_recent()
-        self._recent_count += 1
-        self._recent.setdefault(observation.flow.conversation, []).append(observation)
-        if observation.flow.direction is _REQUEST:
-            self._note_sender(observation)
-
-    def _forget_recent(self) -> None:
-        self._recent.clear()
-        self._senders.clear()
-        self._recent_count = 0
-
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request; return the conversations that sent the same request
-        before.
-        """
+        """Remember the conversation of a request; return those that sent the same request before."""
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -271,15 +216,8 @@ class Joiner:
             senders[request.flow.conversation] = None
         return others
 
-    def _decide_if_proved(self, new: _NewConversation) -> None:
-        twins = self._best_twins(new, ENOUGH_CALLS)
-        if twins is not None:
-            self._join(*twins)
-
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its second leg. If there is no second leg, return the observations of the
-        conversation unjoined.
-        """
+        """Join a conversation with its second leg, or release it if there is no second leg."""
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)
@@ -296,17 +234,11 @@ class Joiner:
             self._hidden.add(twins[1 - self._only].conversation)
             self._release(twins[self._only])
             return
-        conversation = client_side.conversation
-        conversation.controller_leg = controller_side.conversation
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
-        merger = PlaceMerger(conversation, self._queue.add, notes_of=self._comments_on)
-        places = {twin.conversation: place for twin, place in zip(twins, CapturePlace, strict=True)}
-        for leg, place in places.items():
-            self._mergers[leg] = merger, place
+        self.join(client_side.conversation, controller_side.conversation)
         for each in sorted((*client_side.held, *controller_side.held), key=lambda seen: seen.number):
-            merger.add(each, places[each.flow.conversation])
-        self._busy[merger] = None
+            self._merge(each)
 
     def _take_over(self, twin: _NewConversation) -> None:
         """Remove a conversation and its pending observations from the joiner's other collections."""
@@ -321,12 +253,10 @@ class Joiner:
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the two legs that include the new conversation, the client's leg first; None if there is no
-        second leg.
+        """Return the two legs, the client's leg first; None if there is no second leg.
 
         Args:
-            calls: Minimum number of nested calls that prove a second leg; 0 to use the result of
-                `fewest_calls`.
+            calls: Minimum number of nested calls that prove a second leg; 0 to use `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:
@@ -344,23 +274,18 @@ class Joiner:
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the traffic that waits in a conversation without a second leg; None if no traffic waits.
-        This traffic waits because a newer conversation may be the second leg.
+        """Return the traffic of a conversation without a second leg that waits behind a newer conversation;
+        None if no traffic waits.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
         """
-        recent = self._recent.get(conversation)
-        if recent is None or conversation not in self._single:
+        waiting = self._queue.find(conversation) if conversation in self._single else []
+        if not waiting:
             return None
-        traffic = _NewConversation(recent[0])
-        traffic.held = recent[-HELD_FRAMES:]
+        traffic = _NewConversation(waiting[0])
+        traffic.held = waiting[-HELD_FRAMES:]
         return traffic
-
-    def _stop_joining(self, merger: PlaceMerger) -> None:
-        merger.close()
-        for conversation in [each for each, (of, _) in self._mergers.items() if of is merger]:
-            del self._mergers[conversation]
 
     def _release(self, new: _NewConversation) -> None:
         """Release the held observations of a conversation that has no second leg."""
@@ -377,7 +302,7 @@ class Joiner:
     def _drop_new(self, conversation: Conversation) -> None:
         self._new.pop(conversation, None)
         if not self._new:
-            self._forget_recent()
+            self._senders.clear()
 
     def _pop_due(self) -> list[Observation]:
         now = self._now
@@ -385,18 +310,10 @@ class Joiner:
             self._decide_due(now)
         if len(self._queue) > MAX_WAITING:
             self._decide_all()
+            self._close_mergers()
         # `_new` lists the conversations in the order in which they began
         oldest = next(iter(self._new.values()), None)
-        until = now if oldest is None else min(now, oldest.began - 1)
-        for merger in list(self._busy):
-            merger.expire(now)
-            pending = merger.earliest_pending
-            if pending is None:
-                del self._busy[merger]
-            else:
-                until = min(until, pending - 1)
-        self.delivered_until = until
-        due = self._queue.pop_until(until)
+        due = self._pop_until(now if oldest is None else min(now, oldest.began - 1))
         if not self.passing:
             self._update_passing()
         return due
@@ -411,15 +328,6 @@ class Joiner:
         """Join or release all held conversations now, without waiting for further traffic."""
         while self._new:
             self._decide(next(iter(self._new.values())))
-        for merger in self._distinct_mergers():
-            merger.close()
-
-    def _comments_on(self, observation: Observation) -> tuple[str, ...]:
-        return self._comments.get(observation.packet, ())
 
     def _update_passing(self) -> None:
-        is_idle = not (self._new or self._mergers or self._queue)
-        self.passing = self._single_flows if is_idle else set()
-
-    def _distinct_mergers(self) -> Iterator[PlaceMerger]:
-        return iter(dict.fromkeys(merger for merger, _ in self._mergers.values()))
+        self.passing = self._single_flows if self.is_idle and not self._new else set()

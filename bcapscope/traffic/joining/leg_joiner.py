@@ -1,11 +1,11 @@
-"""Join the two legs of the conversations that a running proxy relays."""
+"""Join the two legs of conversations through a proxy, and return all observations in order of time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import heapq
+from collections.abc import Callable, Iterable
 
 from bcapscope.messages import Message
-from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, PlaceMerger
 from bcapscope.traffic.observation import Conversation, Observation
@@ -21,6 +21,48 @@ class RelayedObservation(Observation):
     note: Message | None
 
 
+def _notes_of_relay(observation: Observation) -> tuple[str, ...]:
+    note = observation.note if isinstance(observation, RelayedObservation) else None
+    return () if note is None else (str(note),)
+
+
+class DeliveryQueue:
+    """Observations that wait until no earlier observation can be added; ordered by time, then by number."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, int, Observation]] = []
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, observation: Observation) -> None:
+        heapq.heappush(self._waiting, (observation.time, observation.number, observation))
+
+    def pop_until(self, time: int) -> list[Observation]:
+        """Remove and return the observations up to and including `time`, ns since 1970."""
+        waiting, due = self._waiting, []
+        while waiting and waiting[0][0] <= time:
+            due.append(heapq.heappop(waiting)[2])
+        return due
+
+    def find(self, conversation: Conversation) -> list[Observation]:
+        """Return the observations of a conversation, in order of time."""
+        found = [each for each in self._waiting if each[2].flow.conversation is conversation]
+        return [observation for _, _, observation in sorted(found)]
+
+    def remove(self, conversation: Conversation) -> list[Observation]:
+        """Remove and return the observations of a conversation, in order of time."""
+        removed = self.find(conversation)
+        self._waiting = [each for each in self._waiting if each[2].flow.conversation is not conversation]
+        heapq.heapify(self._waiting)
+        return removed
+
+    def pop_all(self) -> list[Observation]:
+        due = [each for _, _, each in sorted(self._waiting)]
+        self._waiting.clear()
+        return due
+
+
 class LegJoiner:
     """Joins the legs that the caller names, and returns all observations in order of time.
 
@@ -31,9 +73,12 @@ class LegJoiner:
         delivered_until: Time up to which all observations were returned, ns since 1970.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, notes_of: Callable[[Observation], Iterable[str]] = _notes_of_relay) -> None:
+        """Start without conversations. `notes_of` returns what a proxy noted on a sighting."""
         self.delivered_until = 0
+        self._notes_of = notes_of
         self._mergers: dict[Conversation, tuple[PlaceMerger, CapturePlace]] = {}
+        self._busy: dict[PlaceMerger, None] = {}  # mergers that may hold frames
         self._queue = DeliveryQueue()
         self._now = 0
 
@@ -45,58 +90,80 @@ class LegJoiner:
     def join(self, client_leg: Conversation, controller_leg: Conversation) -> None:
         """Join the further observations of two conversations."""
         client_leg.controller_leg = controller_leg
-        merger = PlaceMerger(client_leg, self._queue.add, notes_of=_notes_of)
+        merger = PlaceMerger(client_leg, self._queue.add, self._notes_of)
         self._mergers[client_leg] = merger, CapturePlace.CLIENT_SIDE
         self._mergers[controller_leg] = merger, CapturePlace.CONTROLLER_SIDE
 
     def add(self, observation: Observation) -> list[Observation]:
         """Add the next observation; return the observations that are due, in order of time."""
         due = self._restart_if_set_back(observation.time)
-        leg = self._mergers.get(observation.flow.conversation)
-        if leg is None:
-            self._queue.add(observation)
-        else:
-            merger, place = leg
-            merger.add(observation, place)
-        return [*due, *self.expire(observation.time)]
+        self._now = max(self._now, observation.time)
+        if not self._merge(observation):
+            self._add_unmerged(observation)
+        return due + self._pop_due()
 
     def expire(self, now: int) -> list[Observation]:
         """Return the observations that are due at the time `now`, ns since 1970."""
         due = self._restart_if_set_back(now)
-        self._now = until = max(self._now, now)
-        for merger in self._distinct_mergers():
-            merger.expire(self._now)
-            pending = merger.earliest_pending
-            if pending is not None:
-                until = min(until, pending - 1)
-        self.delivered_until = until
-        return [*due, *self._queue.pop_until(until)]
+        self._now = max(self._now, now)
+        return due + self._pop_due()
 
     def close_conversation(self, client_leg: Conversation) -> list[Observation]:
         """Return all observations of a client that has disconnected, and drop its data."""
-        merger, _ = self._mergers.pop(client_leg, (None, None))
-        if merger is not None:
-            merger.close()
-            self._mergers = {leg: each for leg, each in self._mergers.items() if each[0] is not merger}
+        if client_leg in self._mergers:
+            self._stop_joining(self._mergers[client_leg][0])
         return self._queue.remove(client_leg)
 
     def close(self) -> list[Observation]:
-        """Return all observations that wait, because the traffic has ended."""
-        for merger in self._distinct_mergers():
-            merger.close()
+        """Return all observations that are held, because the traffic has ended."""
+        self._close_mergers()
         return self._queue.pop_all()
+
+    def _merge(self, observation: Observation) -> bool:
+        """Add an observation to the merger of its conversation; return False if there is none."""
+        merger, place = self._mergers.get(observation.flow.conversation, _NO_MERGER)
+        if merger is None:
+            return False
+        merger.add(observation, place)
+        self._busy[merger] = None
+        return True
+
+    def _add_unmerged(self, observation: Observation) -> None:
+        self._queue.add(observation)
+
+    def _pop_due(self) -> list[Observation]:
+        return self._pop_until(self._now)
+
+    def _pop_until(self, until: int) -> list[Observation]:
+        """Return the observations up to `until` that no merger can precede with an earlier observation."""
+        for merger in list(self._busy):
+            merger.expire(self._now)
+            pending = merger.earliest_pending
+            if pending is None:
+                del self._busy[merger]
+            else:
+                until = min(until, pending - 1)
+        self.delivered_until = until
+        return self._queue.pop_until(until)
 
     def _restart_if_set_back(self, now: int) -> list[Observation]:
         """If the clock was set back, return all observations that wait, and follow the clock."""
         if now >= self._now - JOIN_WITHIN_NS:
             return []
+        due = self.close()
         self._now = now
-        return self.close()
+        return due
 
-    def _distinct_mergers(self) -> Iterator[PlaceMerger]:
-        return (merger for merger, place in self._mergers.values() if place is CapturePlace.CLIENT_SIDE)
+    def _stop_joining(self, merger: PlaceMerger) -> None:
+        merger.close()
+        self._mergers = {leg: each for leg, each in self._mergers.items() if each[0] is not merger}
+
+    def _close_mergers(self) -> None:
+        for merger in self._distinct_mergers():
+            merger.close()
+
+    def _distinct_mergers(self) -> list[PlaceMerger]:
+        return list(dict.fromkeys(merger for merger, _ in self._mergers.values()))
 
 
-def _notes_of(observation: Observation) -> tuple[str, ...]:
-    note = observation.note if isinstance(observation, RelayedObservation) else None
-    return () if note is None else (str(note),)
+_NO_MERGER = None, CapturePlace.CLIENT_SIDE

@@ -6,32 +6,27 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, join_sightings
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns between the two sightings of a frame. A frame that the other place has not captured
-after this time counts as lost between the two places. The delay faults of a proxy last less than this
-time.
+"""Maximum time in ns between the two sightings of a frame. After this time, a frame counts as lost between
+the two places. The delay faults of a proxy last less than this time.
 """
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for their sighting at the other place. Beyond this limit, the oldest
-frame is delivered without its second sighting.
+"""Maximum number of frames that wait for their second sighting. Beyond this limit, the oldest waits no more.
 """
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames with which the merger compares one frame, if a proxy may have changed this
-frame.
-"""
+"""Maximum number of waiting frames with which a frame is compared that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that the merger remembers. The merger thus recognises a lost frame if the
-other place captures the frame later. An example is a held message that the proxy's user released.
-"""
+"""Maximum number of lost frames that are remembered, such as held messages that a user may still release."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +43,41 @@ class Coverage:
     ends: int | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class CapturedTwins:
+    """Facts about a conversation that was captured at two places, known before the captures are joined.
+
+    Objects of this class are compared by identity.
+
+    Attributes:
+        coverage: When the captures at the client's and at the controller's side began and ended.
+        clock_error: Uncertainty of the difference between the clocks of both captures, ns.
+        is_relayed: Whether a proxy is between the places.
+    """
+
+    coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage())
+    clock_error: int = 0
+    is_relayed: bool = True
+
+
+LEGS_OF_PROXY = CapturedTwins()
+"""Both legs of a proxy in one capture."""
+
+
+class CaptureSide(NamedTuple):
+    """Place at which a conversation was captured, if another capture holds the same conversation."""
+
+    twins: CapturedTwins
+    place: CapturePlace
+
+
 @dataclass(slots=True, eq=False)
 class _Waiting:
     """The sighting of a frame that waits for the sighting at the other place."""
 
     place: CapturePlace
     observation: Observation
-    is_resolved: bool = field(default=False)
+    is_resolved: bool = False
 
 
 class PlaceMerger:
@@ -73,30 +96,21 @@ class PlaceMerger:
         self,
         conversation: Conversation,
         deliver: Callable[[JoinedObservation], object],
-        *,
-        is_relayed: bool = True,
-        coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage()),
-        clock_error: int = 0,
         notes_of: Callable[[Observation], Iterable[str]],
+        twins: CapturedTwins = LEGS_OF_PROXY,
     ) -> None:
         """Start without observations.
 
         Args:
-            deliver: Function that receives each joined observation. The function does not receive the
-                observations in order of time; see `earliest_pending`.
-            is_relayed: Whether a proxy is between the places.
-            coverage: When the capture of each place began and ended.
-            clock_error: Uncertainty of the difference between the clocks of both places, ns.
+            deliver: Function that receives each joined observation, but not in order of time; see
+                `earliest_pending`.
             notes_of: Function that returns the notes on a sighting. A proxy notes what it changed.
         """
         self.conversation = conversation
         self._deliver = deliver
-        self._is_relayed = is_relayed
-        self._coverage = coverage
-        self._clock_error = clock_error
         self._notes_of = notes_of
+        self._twins = twins
         self._flows = {direction: Flow(conversation, direction) for direction in Direction}
-        self._known_flows: set[Direction] = set()
         self._pending: deque[_Waiting] = deque()
         self._by_bytes: dict[tuple[Direction, bytes], list[_Waiting]] = {}
         self._overdue: dict[tuple[Direction, bytes], JoinedObservation] = {}
@@ -106,9 +120,7 @@ class PlaceMerger:
 
     @property
     def earliest_pending(self) -> int | None:
-        """Time of the earliest frame that is not delivered yet, ns since 1970; None if all frames are
-        delivered.
-        """
+        """Time of the earliest frame that is not delivered yet, ns since 1970; None if there is none."""
         pending = self._pending
         while pending and pending[0].is_resolved:
             pending.popleft()
@@ -117,17 +129,14 @@ class PlaceMerger:
     def add(self, observation: Observation, place: CapturePlace) -> None:
         """Add the next observation that was captured at `place`."""
         flow = observation.flow
-        if flow.conversation is self.conversation and flow.direction not in self._known_flows:
-            self._known_flows.add(flow.direction)
+        if flow.conversation is self.conversation:
             self._flows[flow.direction] = flow
         key = flow.direction, observation.item.raw
         others = self._by_bytes.get(key)
         if others is not None:
             twin = next((each for each in others if each.place is not place), None)
             if twin is not None:
-                others.remove(twin)
-                if not others:
-                    del self._by_bytes[key]
+                self._forget(key, twin)
                 self._join(twin, place, observation)
                 return
         elif self._overdue and self._complete_overdue(key, place, observation):
@@ -157,15 +166,7 @@ class PlaceMerger:
         )
         direction = observation.flow.direction
         self._latest_joined[direction] = max(self._latest_joined[direction], twin.observation.time)
-        self._deliver(
-            join_sightings(
-                *ends,
-                self._flows[direction],
-                is_relayed=self._is_relayed,
-                note=self._note_on(*ends),
-                delay_error=self._clock_error,
-            )
-        )
+        self._deliver(self._joined(*ends))
 
     def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
         """Deliver a frame that waited in vain: the other place did not capture the same bytes in time."""
@@ -179,19 +180,8 @@ class PlaceMerger:
             changed.is_resolved = True
             self._join(waiting, changed.place, changed.observation)
             return
-        is_missed = self._is_missed(observation, place, is_at_end)
-        at_client, at_controller = (
-            (observation, None) if place is CapturePlace.CLIENT_SIDE else (None, observation)
-        )
-        joined = join_sightings(
-            at_client,
-            at_controller,
-            self._flows[direction],
-            is_missed=is_missed,
-            is_relayed=self._is_relayed,
-            note=self._note_on(observation),
-            delay_error=self._clock_error,
-        )
+        ends = (observation, None) if place is CapturePlace.CLIENT_SIDE else (None, observation)
+        joined = self._joined(*ends, is_missed=self._is_missed(observation, place, is_at_end))
         if joined.was_made_between and joined.is_request:
             self.own_requests += 1
             self._own_serials.add(_serial_of(observation))
@@ -201,13 +191,27 @@ class PlaceMerger:
                 del self._overdue[next(iter(self._overdue))]
         self._deliver(joined)
 
+    def _joined(
+        self, at_client: Observation | None, at_controller: Observation | None, *, is_missed: bool = False
+    ) -> JoinedObservation:
+        seen = [each for each in (at_client, at_controller) if each is not None]
+        notes = dict.fromkeys(note for each in seen for note in self._notes_of(each))
+        return join_sightings(
+            at_client,
+            at_controller,
+            self._flows[seen[0].flow.direction],
+            is_missed=is_missed,
+            is_relayed=self._twins.is_relayed,
+            note="; ".join(notes),
+            delay_error=self._twins.clock_error,
+        )
+
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the capture at the other place was running when this frame should have passed that
-        place.
-        """
-        if not self._is_relayed and self.conversation.transport is Transport.TCP:
+        """Return whether the capture at the other place ran when this frame should have passed it."""
+        is_relayed = self._twins.is_relayed
+        if not is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
-        other, time = self._coverage[1 - place], observation.time
+        other, time = self._twins.coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
         is_sender_side = (place is CapturePlace.CONTROLLER_SIDE) is (
@@ -216,7 +220,7 @@ class PlaceMerger:
         if is_sender_side or _serial_of(observation) in self._own_serials:
             return True  # the frame passed the sender's side first, so the other place had time to capture it
         closing = self.conversation.connection_end
-        if self._is_relayed and closing is not None and closing.ends_replies:
+        if is_relayed and closing is not None and closing.ends_replies:
             return True  # the connection has ended, so no further frame can come
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
@@ -230,9 +234,7 @@ class PlaceMerger:
                 del self._by_bytes[key]
 
     def _find_changed(self, waiting: _Waiting) -> _Waiting | None:
-        """Return the frame that was captured at the other place with the same serial and direction, but
-        different bytes.
-        """
+        """Return the frame at the other place with the same serial and direction, but other bytes."""
         direction = waiting.observation.flow.direction
         serial = _serial_of(waiting.observation)
         if serial is None:
@@ -252,9 +254,7 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """If a sighting belongs to a request that already counted as lost, add the sighting to this request
-        and return True.
-        """
+        """Add a sighting to the request that counted as lost; return False if there is no such request."""
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False
@@ -262,12 +262,6 @@ class PlaceMerger:
         joined.at_controller = observation
         joined.is_missed = False
         return True
-
-    def _note_on(self, *observations: Observation) -> str:
-        """Return the notes on the sightings of a frame, each note once. The proxy notes its changes to a
-        frame.
-        """
-        return "; ".join(dict.fromkeys(note for each in observations for note in self._notes_of(each)))
 
 
 def _serial_of(observation: Observation) -> int | None:

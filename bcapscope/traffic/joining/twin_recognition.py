@@ -16,9 +16,7 @@ calls in a row are very unlikely without a proxy.
 """
 
 FEWEST_CALLS = 2
-"""If no further calls follow, this number of nested calls proves that two conversations are the legs of a
-proxy.
-"""
+"""This number of nested calls is a proof if no further calls follow."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -48,7 +46,6 @@ class NestedCalls(NamedTuple):
 
 
 def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> NestedCalls:
-    """Return how well the calls of `inner` are nested in the calls of `outer`."""
     requests, replies = _first_times(outer)
     inner_requests, inner_replies = _first_times(inner)
     lags = [time - requests[raw] for raw, time in inner_requests.items() if raw in requests]
@@ -58,18 +55,13 @@ def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> 
 
 
 def may_be_twins(one: Conversation, other: Conversation) -> bool:
-    """Return whether two conversations can be the legs of a proxy. Both legs of a proxy use the same
-    transport, and have different servers.
-    """
+    """Return whether two conversations can be the legs of a proxy."""
     return one.transport is other.transport and one.server != other.server
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return the number of nested calls that is enough to prove that `outer` is the client's leg and `inner`
-    the controller's leg.
-
-    Returns:
-        None if the interface names show that the conversations are not these two legs.
+    """Return the number of nested calls that proves that `outer` is the client's leg and `inner` the
+    controller's leg; None if the interface names show that they are not.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
