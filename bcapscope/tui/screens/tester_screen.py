@@ -19,9 +19,10 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button
 
-from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
 from bcapscope.live.controller.error_recovery import LastSlaveSession
-from bcapscope.live.controller.guided_connect import connect
+from bcapscope.live.controller.guided_connect import connect, start_robslave
 from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.live.controller.session_updates import (
@@ -32,7 +33,7 @@ from bcapscope.live.controller.session_updates import (
     SessionUpdate,
     WatchUpdate,
 )
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.render.escape import printable
 from bcapscope.simulator.profile import DEFAULT_PROFILE
 from bcapscope.traffic.observation import Observation
@@ -48,18 +49,8 @@ from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
-from bcapscope.tui.tester.call_runner import (
-    CallNotice,
-    CallRunner,
-    CallWanted,
-    ConnectWanted,
-    DisconnectWanted,
-    OpenWanted,
-    RawWanted,
-    RobSlaveWanted,
-    WatchWanted,
-)
-from bcapscope.tui.tester.connection_panel import ConnectionPanel, arming_facts, status_pieces
+from bcapscope.tui.tester.call_runner import CallNotice, CallWanted, function_step, repeating_step, run_armed
+from bcapscope.tui.tester.connection_panel import ConnectionPanel, ConnectWanted, arming_facts, status_pieces
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
 from bcapscope.tui.tester.form_tabs import FormTabs
 from bcapscope.tui.tester.form_widgets import Box
@@ -115,7 +106,6 @@ class TesterScreen(TesterNavigation):
             partial(self.call_in_screen, self._show_update), tester_options.log_folder, tester_options.tap
         )
         self.variable_watcher = VariableWatcher(self.session)
-        self.call_runner = CallRunner(self.session, self._ask_to_arm)
         self.player_slot = PlayerSlot()
         self.halt_update = HaltUpdate(HaltState.CLOSED)
         self._simulator_stack = ExitStack()
@@ -197,7 +187,8 @@ class TesterScreen(TesterNavigation):
             self._is_connected = status.is_connected
             self.query_one(ConnectionPanel).show_status(status)
             self.refresh_bindings()
-        self.query_one(FormTabs).set_open_objects(status.open_objects)
+        for row in self.query(OpenObjectRow):
+            row.set_open_objects(status.open_objects)
         self._show_status()
 
     def _apply_halt_update(self, news: HaltUpdate) -> None:
@@ -266,10 +257,9 @@ class TesterScreen(TesterNavigation):
         panel.set_connecting(connecting)
         self.refresh_bindings()
 
-    @on(DisconnectWanted)
-    def _disconnect_wanted(self) -> None:
-        for group in ("call", "connect"):
-            self.workers.cancel_group(self, group)
+    @on(Button.Pressed, "#disconnect")
+    def action_disconnect(self) -> None:
+        self.action_cancel()
         self.run_worker(self._disconnect_controller(), group="disconnect")
 
     async def _disconnect_controller(self) -> None:
@@ -277,27 +267,27 @@ class TesterScreen(TesterNavigation):
         self.query_one(ConnectionPanel).show_status(self.session.status)
 
     @on(CallWanted)
-    def _make_call(self, message: CallWanted) -> None:
-        self.run_worker(self.call_runner.make_call(message), group="call")
+    def _start_calls(self, wanted: CallWanted) -> None:
+        self.run_worker(self._make_calls(wanted), group="call")
 
-    @on(RawWanted)
-    def _send_raw(self, message: RawWanted) -> None:
-        self.run_worker(self.call_runner.send_raw(message), group="call")
+    async def _make_calls(self, wanted: CallWanted) -> None:
+        """Run a step, and show its outcome. If the step needs arming, ask the user to arm first."""
+        display = wanted.result_display
+        display.show_pending()
+        try:
+            display.show_record(await run_armed(self.session, self._ask_to_arm, wanted.step))
+        except asyncio.CancelledError:
+            display.show_error(label("tester.cancelled"))
+            raise
+        except NotArmedError:
+            display.show_error(label("tester.not_armed"))
+        except (BcapError, OSError) as error:
+            display.show_error(error_text(error))
+        else:
+            wanted.done()
 
-    @on(RobSlaveWanted)
-    def _start_robslave(self, message: RobSlaveWanted) -> None:
-        self.run_worker(self.call_runner.run_robslave(message.result_display), group="call")
-
-    @on(OpenWanted)
-    def _open_wanted(self, message: OpenWanted) -> None:
-        self.run_worker(self._open_object(message), group="call")
-
-    async def _open_object(self, wanted: OpenWanted) -> None:
-        if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:
-            self.query_one(FormTabs).variable_opened(wanted.parent, wanted.name)
-
-    @on(WatchWanted)
-    def _add_watched(self, message: WatchWanted) -> None:
+    @on(WatchList.AddWanted)
+    def _add_watched(self, message: WatchList.AddWanted) -> None:
         self.query_one(PacketPane).show_view("watch")
         self.run_worker(self.session.run_in_loop(self.variable_watcher.add(message.variable)), group="watch")
 
@@ -314,14 +304,14 @@ class TesterScreen(TesterNavigation):
         saved = message.saved
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
-            wanted = CallWanted(form.query_one(ResultView), saved.function, saved.values)
-            self.run_worker(self.call_runner.make_call(wanted), group="call")
+            step = function_step(saved.function, saved.values)
+            self._start_calls(CallWanted(form.query_one(ResultView), step))
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
         record = message.record
         if message.what == "again":
-            self.run_worker(self.call_runner.repeat_call(CallNotice(app_of(self)), record), group="call")
+            self._start_calls(CallWanted(CallNotice(app_of(self)), repeating_step(record)))
         elif message.what == "edit":
             await self.query_one(FormTabs).edit_call(record)
         else:
@@ -347,11 +337,8 @@ class TesterScreen(TesterNavigation):
     def action_connect(self) -> None:
         self.query_one(ConnectionPanel).request_connect()
 
-    def action_disconnect(self) -> None:
-        self._disconnect_wanted()
-
     def action_robslave(self) -> None:
-        self.run_worker(self.call_runner.run_robslave(CallNotice(app_of(self))), group="call")
+        self._start_calls(CallWanted(CallNotice(app_of(self)), start_robslave))
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:

@@ -14,6 +14,7 @@ from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.render.escape import printable
 from bcapscope.render.result_values import variant_values_text
@@ -146,6 +147,12 @@ class WatchList(Lines):
         Binding("delete", "remove", "tester.unwatch"),
         Binding("0", "reset", "tester.watch.reset"),
     ]
+
+    @dataclass
+    class AddWanted(Message):
+        """The user wants to watch an open variable."""
+
+        variable: ObjectHandle
 
     @dataclass
     class RemoveWanted(Message):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
+from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
@@ -21,12 +24,19 @@ from bcapscope.tui.controller_access.call_history import reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.tester.call_runner import ConnectWanted, DisconnectWanted
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.widgets.text_widgets import InkedText
 
 DEFAULT_PORT = 5007
 _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
+
+
+@dataclass
+class ConnectWanted(Message):
+    host: str
+    port: int
+    tcp: bool
+    option: str
 
 
 class ConnectionPanel(Vertical):
@@ -161,10 +171,6 @@ class ConnectionPanel(Vertical):
             self.query_one("#host", Input).value = wanted.host
             self.query_one("#port", Input).value = str(wanted.port)
             self.post_message(wanted)
-
-    @on(Button.Pressed, "#disconnect")
-    def _disconnect(self) -> None:
-        self.post_message(DisconnectWanted())
 
 
 StatusPiece = tuple[str, str]

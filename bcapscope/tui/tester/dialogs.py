@@ -149,7 +149,7 @@ class RecoveryDialog(ModalScreen[None]):
             record = await run_armed(
                 self._session,
                 self._ask_to_arm,
-                lambda: run_recovery_step(self._session, step_wanted, first, mode),
+                lambda session: run_recovery_step(session, step_wanted, first, mode),
             )
         except NotArmedError:
             self._show_step(step_wanted, False, label("tester.not_armed"))
