@@ -144,8 +144,8 @@ class TrafficViews(ViewsScreen):
         ended_now = progress.ended and not feed.progress.ended
         feed.progress = progress
         if feed.open_journal() and feed.journal is not None and feed.calls is not None:
-            self.frames.open_journal(feed.journal, feed.is_live)
-            self.calls.open_calls(feed.calls, feed.is_live)
+            self.frames.open_source(feed.journal, feed.is_live)
+            self.calls.open_source(feed.calls, feed.is_live)
             feed.journal.refresh()
             feed.calls.refresh()
             self.update_line_format()

@@ -62,3 +62,4 @@ def test_the_catalogue_suggests_a_type() -> None:
     assert found is not None
     assert type_numbers(found.parameter_types)[:2] == (ARRAY | VT.R4, ARRAY | VT.R8)
     assert "pose" in command_hint(found)
+    assert find_command(64, "NoSuchCommand") is None
