@@ -188,10 +188,7 @@ class BcapApp(KeyOrderApp):
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Return the filters that change each line before Textual writes it to the terminal."""
-        before = tuple(super().get_line_filters())
-        if before != self._control_char_filter.earlier_filters:
-            self._control_char_filter = ControlCharFilter(before)
-        return (self._control_char_filter,)
+        return (*super().get_line_filters(), self._control_char_filter)
 
     def get_key_display(self, binding: Binding) -> str:
         """Return the name of a key as the documentation writes it: F5, not f5."""

@@ -113,7 +113,6 @@ class ProxyScreen(ViewsScreen):
         self._state: ProxyState | None = None
         self._problem = ""
         self._has_ended = False
-        self._summary_lines: list[str] = []
         self._shown_message: int | None = None
 
     def content(self) -> ComposeResult:
@@ -266,10 +265,7 @@ class ProxyScreen(ViewsScreen):
             self.query_one("#intercepts", InkedText).show_text(intercept_line(self._state.figures))
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
-        # lines that have not changed are left alone, because an update can cause a new layout
-        if lines != self._summary_lines:
-            self._summary_lines = lines
-            self.query_one("#summary", InkedText).show_text("\n".join(lines))
+        self.query_one("#summary", InkedText).show_text("\n".join(lines))
         lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self.query_one(ProxyLog)]
         counts = {str(each.id): str(len(each.items) or "") for each in lists}
         self.query_one(ViewBar).show_counts(self.view, counts, ())

@@ -142,7 +142,9 @@ class ColumnWidths(NamedTuple):
 WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
 
 
-class WatchList(Lines):
+class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
+    """Shows watched variables below a line with column titles. Each element of an array has its own line."""
+
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("delete", "remove", "tester.unwatch"),
         Binding("0", "reset", "tester.watch.reset"),
@@ -161,29 +163,13 @@ class WatchList(Lines):
     class ResetWanted(Message):
         """The user wants to reset the minimum and maximum values of the watched variables."""
 
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._rows: list[tuple[WatchedVariable | None, int]] = []
-
-    @property
-    def count(self) -> int:
-        return len(self._rows)
-
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
-        rows: list[tuple[WatchedVariable | None, int]] = [(None, 0)]
-        for each in watched:
-            rows += [(each, index) for index in range(max(1, len(each.series)))]
-        if not watched:
-            rows = []
-        if len(rows) != len(self._rows):
-            self._rows = rows
-            self.reset_lines(min(self.cursor, len(rows) - 1))
-        else:
-            self._rows = rows
-            self.repaint()
+        rows = [(each, index) for each in watched for index in range(max(1, len(each.series)))]
+        self.show_items([(None, 0), *rows] if rows else [])
+        self.repaint()  # the readings of the same variables may have changed
 
-    def line(self, index: int) -> str:
-        watched, at = self._rows[index]
+    def item_line(self, item: tuple[WatchedVariable | None, int]) -> str:
+        watched, at = item
         if watched is None:
             return _title_row(self._widths)
         index_text = f" [{at}]" if len(watched.series) > 1 else ""
@@ -207,7 +193,7 @@ class WatchList(Lines):
 
     def action_remove(self) -> None:
         """Stop watching the variable."""
-        watched = self._rows[self.cursor][0] if self._rows else None
+        watched = self.current_item[0] if self.current_item else None
         if watched is not None:
             self.post_message(self.RemoveWanted(watched.handle))
 

@@ -80,8 +80,6 @@ class ResultView(InkedText, can_focus=True):
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
-        if line == self.text:
-            return
         self.text = line
         self.set_class(not line, "-empty")
         head = f"{INK.name}{label('tester.result')}{INK.reset}  " if self.record is not None else ""

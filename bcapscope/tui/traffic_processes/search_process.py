@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import os
-import signal
 import sys
 import threading
 import time
@@ -29,7 +28,7 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS
 from bcapscope.tui.traffic_processes.process_messages import (
     SearchMatches,
     SearchRequest,
-    lower_priority,
+    begin_process,
     receive_messages,
     send_message,
 )
@@ -104,9 +103,7 @@ class TrafficSearch:
 
 
 def main() -> None:
-    # Ctrl-C must not end this process, because the screen uses Ctrl-C as a key
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    lower_priority()
+    begin_process()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
     requests = io.FileIO(0, closefd=False)
     threading.Thread(target=searching.read_requests, args=(requests,), daemon=True, name="requests").start()
