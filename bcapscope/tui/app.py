@@ -145,7 +145,6 @@ class BcapApp(KeyOrderApp):
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
-        """Install signal handlers, and show a warning if the settings could not be read."""
         self._install_signal_handlers()
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
@@ -161,7 +160,6 @@ class BcapApp(KeyOrderApp):
         gc.set_threshold(*self._gc_thresholds)
 
     def _install_signal_handlers(self) -> None:
-        """Close the application cleanly on SIGHUP and SIGTERM, and when the terminal disappears."""
         if sys.platform == "win32":
             return
         loop = asyncio.get_running_loop()
@@ -187,7 +185,6 @@ class BcapApp(KeyOrderApp):
         self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters that change each line before Textual writes it to the terminal."""
         return (*super().get_line_filters(), self._control_char_filter)
 
     def get_key_display(self, binding: Binding) -> str:
@@ -201,7 +198,6 @@ class BcapApp(KeyOrderApp):
         return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the action HALT only if a HALT callback is registered."""
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:

@@ -134,9 +134,6 @@ class ControlCharFilter(LineFilter):
     """Replaces each character that is not printable."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """Return the segments of a line with all control characters replaced. Printable segments stay
-        unchanged.
-        """
         if all(segment.text.isprintable() for segment in segments):
             return segments
         return [

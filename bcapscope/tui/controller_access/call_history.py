@@ -81,9 +81,6 @@ def _subject_text(record: HistoryRecord) -> str:
 
 
 def _argument_text(record: HistoryRecord) -> str:
-    """Return the arguments in parentheses, without the handle and the command name. A long text is
-    shortened.
-    """
     function = FUNCTIONS.get(record.function_id)
     named = function is not None and function.takes_handle
     first = named + (record.function_id in COMMAND_FUNCTIONS)

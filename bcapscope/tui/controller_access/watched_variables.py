@@ -70,11 +70,9 @@ class WatchedVariable:
 
     @property
     def decimals(self) -> int:
-        """Number of decimal places to show: five, as in b-CAP Tester, or none for integers."""
         return 5 if self.value is not None and self.value.vt & ~ARRAY in _FRACTIONAL_TYPES else 0
 
     def add_reading(self, value: Variant, time: int) -> None:
-        """Add a reading that was taken at `time` (ns)."""
         self.value, self.problem = value, ""
         numbers = _numbers(value)
         if len(numbers) != len(self.series):

@@ -118,7 +118,6 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 class ScreenCommandProvider(Provider):
     def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
-        """Yield the commands that can run now, each with the function that runs the command."""
         for command in all_commands(self.screen, cast(BcapApp, self.app)):
             if command.node.check_action(command.action.partition("(")[0], ()) is not False:
                 yield command, partial(self.app.run_action, command.action, command.node)

@@ -131,7 +131,6 @@ class ProxyScreen(ViewsScreen):
             yield CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))
 
     def on_mount(self) -> None:
-        """Start to query the proxy."""
         if self._child is not None:
             self._child.subscribe_output(partial(self.call_in_screen, self.add_output))
             self._child.subscribe_end(partial(self.call_in_screen, self.show_end))
@@ -146,9 +145,6 @@ class ProxyScreen(ViewsScreen):
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the actions for rules only while the cursor is on a rule. Show the actions for held messages
-        only while the cursor is on a held message.
-        """
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
@@ -182,7 +178,6 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
-        """Send a control request to the proxy. When the proxy has carried out the request, call `done`."""
         try:
             with self._control_lock:
                 self._control_client.request(order, control.DoneResponse)
@@ -207,7 +202,6 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _show_lost_proxy(self, problem: str) -> None:
-        """Show why the proxy does not respond."""
         if self._has_ended:
             return
         if not self._problem:
@@ -223,7 +217,6 @@ class ProxyScreen(ViewsScreen):
             self._feed.report_source_problem(reason)
 
     def add_output(self, text: str) -> None:
-        """Add to the log a line that the proxy printed."""
         self.query_one(ProxyLog).add_message(text)
         self.show_state()
 
@@ -254,7 +247,6 @@ class ProxyScreen(ViewsScreen):
         return self.query_one(HeldList)
 
     def show_state(self) -> None:
-        """Show the proxy's state, and the held message under the cursor."""
         key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
         held = 0 if self._has_ended else len(self.held.items)
         waiting = f" · {label('proxy.waiting', count=held)}" if held else ""
@@ -273,7 +265,6 @@ class ProxyScreen(ViewsScreen):
         self.refresh_bindings()
 
     def _show_message(self) -> None:
-        """Show the held message under the cursor, unless the screen already shows it."""
         held = self.held.current_item
         number = None if held is None else held.number
         if number != self._shown_message:
@@ -291,7 +282,6 @@ class ProxyScreen(ViewsScreen):
         self.query_one(PacketView).show_packet(frame, held.call_kind)
 
     def on_resize(self, event: Resize) -> None:
-        """Adapt the height of the message view to the height of the screen."""
         self.query_one("#message").styles.height = max(9, min(30, event.size.height // 2))
 
     @on(Lines.Moved)
@@ -300,7 +290,6 @@ class ProxyScreen(ViewsScreen):
             self._show_message()
 
     def show_view(self) -> None:
-        """Show the column header, and the widgets that belong to the visible list."""
         self.query_one("#fault-line").display = self.view == "rules"
         self.query_one("#message").display = self.view == "held"
         shown = self.shown_list
@@ -386,7 +375,6 @@ class ProxyScreen(ViewsScreen):
 
     @on(CheckedInput.Typed, "#change-line")
     def _change_typed(self, message: CheckedInput.Typed) -> None:
-        """Show the edited message."""
         held, edited = self.held.current_item, message.parsed
         if held is not None:
             self._show_bytes(held, edited if isinstance(edited, bytes) else held.data)

@@ -139,7 +139,6 @@ class SlaveScreen(BaseScreen):
         self._schedule_check()
 
     def _schedule_check(self) -> None:
-        """Schedule a check of the trajectory; the check runs later if the user goes on typing."""
         self._prepared = None
         self.query_one("#start", Button).disabled = True
         self._show_state("")

@@ -34,9 +34,6 @@ class TesterNavigation(BaseScreen):
                 yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
 
     def action_part(self, by: int) -> None:
-        """Move the focus to the next area of the screen if `by` is 1, or to the previous area if `by` is
-        -1.
-        """
         parts = list(self.query(_PART_SELECTOR))
         here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
         for step in range(1, len(parts) + 1):

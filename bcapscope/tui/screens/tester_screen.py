@@ -126,7 +126,6 @@ class TesterScreen(TesterNavigation):
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
-        """Register the HALT callbacks. If the options name no host, start the built-in simulator."""
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
@@ -329,7 +328,6 @@ class TesterScreen(TesterNavigation):
     # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the action Connect or the action Disconnect, whichever button is enabled."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)
@@ -350,7 +348,6 @@ class TesterScreen(TesterNavigation):
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, last.move_position, last.mode))
 
     def action_digits(self) -> None:
-        """Show all digits of all results, or five decimals if any result already shows all digits."""
         views = self.query(ResultView)
         full = not any(view.shows_all_digits for view in views)
         for view in views:
@@ -368,7 +365,6 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._ask_to_arm())
 
     async def _ask_to_arm(self) -> bool:
-        """Ask the user to arm the Tester; return whether the user armed it."""
         status = self.session.status
         if status.target is None:
             app_of(self).show_message(label("tester.not_connected"), "warning")

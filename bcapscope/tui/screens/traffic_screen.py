@@ -63,9 +63,6 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the actions for frames only if the visible list shows frames or calls. Show the action `stop`
-        only while a capture runs.
-        """
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
@@ -106,9 +103,6 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """If the cursor is on a reply, select its request. If the cursor is on a request, select its
-        reply.
-        """
         number = self.frame_number
         if number is None:
             return
@@ -163,9 +157,6 @@ class TrafficScreen(TrafficViews):
 
     @on(FindingPage.Chosen)
     def _line_chosen(self, message: Lines.Chosen) -> None:
-        """If a finding was chosen, go to the first frame that proves it. If a frame was chosen, go to its
-        fields.
-        """
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
             frames = () if number is None else self.analysis.findings[number - 1].frames
@@ -318,7 +309,6 @@ class SimulatorScreen(TrafficScreen):
         app_of(self).status = ((f"{sign} {printable(self._address)} ", ink),)
 
     def _show_end(self, last_line: str) -> None:
-        """Report that the simulator has ended; its traffic remains on the screen."""
         reason = label("simulator.ended", reason=printable(last_line) or label("proxy.killed"))
         self.feed.stop_reading()
         self.feed.report_source_problem(reason)

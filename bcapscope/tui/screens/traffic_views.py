@@ -112,7 +112,6 @@ class TrafficViews(ViewsScreen):
         self._close_feed()
 
     def _close_feed(self) -> None:
-        """Clear the lists that show the feed's data, and close the feed."""
         for target in (self.frames, self.calls):
             target.clear_source()
         self.feed.close()
@@ -189,7 +188,6 @@ class TrafficViews(ViewsScreen):
         return self.query_one(CallList)
 
     def update_line_format(self) -> None:
-        """Set the format of times in the lists, and show client names if there are several clients."""
         journal = self.feed.journal
         first = journal.time_of(1) if journal is not None and len(journal) else 0
         several = self.feed.progress.clients > 1
@@ -221,7 +219,6 @@ class TrafficViews(ViewsScreen):
 
     @on(Lines.Moved)
     def _list_moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor if the visible list reports a new cursor position."""
         if message.lines is self.shown_list:
             self._cursor_moved()
 
@@ -260,7 +257,6 @@ class TrafficViews(ViewsScreen):
         self._show_about(frame)
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
-        """Describe a frame, and mark the other frames of its call if the call is complete."""
         number = frame.observation.number
         settled = self.settled_at(number)
         self._unsettled_frame = frame if settled is None else None
@@ -307,9 +303,6 @@ class TrafficViews(ViewsScreen):
             self._search()
 
     def _search(self) -> None:
-        """Search for rows that match the view's filter expression. If there is no expression, show all
-        rows.
-        """
         target, expression = self.shown_list, self.expressions[self.view]
         if not isinstance(target, RecordList):
             return

@@ -201,7 +201,6 @@ class FunctionForm(Vertical):
 
 
 def select_named_value(texts: Mapping[int, str], id: str) -> Select[int]:
-    """Return a widget in which the user chooses a number. The widget shows the meaning of each number."""
     options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
     return Select(options, allow_blank=False, compact=True, id=id, classes="named")
 

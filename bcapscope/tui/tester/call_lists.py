@@ -38,8 +38,6 @@ Beyond this size, a tenth of the calls is dropped, but never the latest call.
 
 
 class HistoryLines(ItemList[HistoryRecord]):
-    """A list of the calls that match the filter; the latest call is the last line."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "want('again')", "tester.again"),
         Binding("e", "want('edit')", "tester.edit"),
@@ -132,8 +130,6 @@ class HistoryPanel(Vertical):
 
 
 class ColumnWidths(NamedTuple):
-    """Widths of the columns in a list, in characters."""
-
     name: int
     number: int
     sparkline: int
@@ -192,7 +188,6 @@ class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
         self.repaint()
 
     def action_remove(self) -> None:
-        """Stop watching the variable."""
         watched = self.current_item[0] if self.current_item else None
         if watched is not None:
             self.post_message(self.RemoveWanted(watched.handle))

@@ -76,7 +76,6 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def fill_address(self, host: str, port: int) -> None:
-        """Fill in the address; connect if the user has already asked to connect."""
         self.query_one("#host", Input).value = host
         self.query_one("#port", Input).value = str(port)
         self._is_address_pending = False
@@ -159,7 +158,6 @@ class ConnectionPanel(Vertical):
     @on(Button.Pressed, "#connect")
     @on(Input.Submitted)
     def request_connect(self) -> None:
-        """Request the connection, or show what is wrong with the text in the fields."""
         if self._is_address_pending:
             self._is_connect_pending = True
             return

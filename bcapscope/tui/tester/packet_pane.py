@@ -151,7 +151,6 @@ class PacketPane(Vertical):
         self._switch_view(view)
 
     def _show_attempts(self, record: HistoryRecord) -> None:
-        """Show the outcome of each attempt, if the call had retries, notices or late replies."""
         lines = []
         if record.retries or record.notices or record.late_replies:
             attempts = record.attempts

@@ -82,7 +82,6 @@ class ListPicker(ModalScreen[str | None]):
 
 
 def command_picker(function_id: int, styles: Styles) -> ListPicker:
-    """Return a dialog to choose a command of one ..._Execute function."""
     return ListPicker(
         label("tester.catalogue", name=FUNCTIONS[function_id].name),
         (
@@ -104,7 +103,6 @@ def _command_text(command: CommandSpec, styles: Styles) -> Text:
 
 
 def function_picker(styles: Styles) -> ListPicker:
-    """Return a dialog to choose a function of b-CAP."""
     entries = []
     for each in FUNCTIONS.values():
         text = Text.assemble(
@@ -117,8 +115,6 @@ def function_picker(styles: Styles) -> ListPicker:
 
 
 class FilePicker(ModalScreen[str | None]):
-    """Shows recent files above a tree of folders."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
         Binding("backspace", "up", "", show=False),

@@ -59,9 +59,6 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def show_check(self, problem: str, hint: str) -> None:
-        """Show what is wrong with an invalid input. If the input is valid, show a hint on the expected
-        input.
-        """
         if problem:
             self.show_problem(problem)
         else:
@@ -113,7 +110,6 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
 
 
 def _value_meaning(record: HistoryRecord) -> str:
-    """Return the meaning of the number in a call's reply; "" if the number has no special meaning."""
     arguments = record.reply.arguments if record.reply is not None else ()
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)

@@ -61,7 +61,6 @@ def expected_input(vt: int) -> str:
 
 
 def command_hint(known: CommandSpec) -> str:
-    """Return a text that explains a command."""
     parts = [table_text(known.text)]
     if known.elements:
         parts.append(label("controller.command.parameter", elements=table_text(known.elements)))

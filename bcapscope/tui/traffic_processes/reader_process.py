@@ -79,7 +79,6 @@ class TrafficReader:
         self._last_capture_time = self._last_capture_seen_at = 0
 
     def run(self) -> None:
-        """Read to the end of the source, or until `cancelled` is set."""
         with closing(self._publisher):
             try:
                 self._read()

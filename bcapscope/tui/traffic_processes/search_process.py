@@ -46,7 +46,6 @@ class TrafficSearch:
     """Runs one search at a time, always for the latest request."""
 
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
-        """Open the journal in `folder`; write matches to `answers`."""
         self._answers = answers
         self._journal = ObservationStore(folder)
         self._calls = CallStore(folder, self._journal)

@@ -26,8 +26,6 @@ ANALYSIS_INTERVAL = 1.5
 
 
 class CallRecorder(PipelineSubscriber):
-    """Writes calls and stray replies to a call store."""
-
     needs_targets = True
 
     def __init__(self, calls: CallStoreWriter) -> None:
@@ -73,7 +71,6 @@ class TrafficPublisher:
         return self._diagnosis
 
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:
-        """Return the subscribers of the traffic pipeline, including those of the diagnosis."""
         return self.call_recorder, *self.load_diagnosis().subscribers
 
     def report_progress(self) -> None:
@@ -97,7 +94,6 @@ class TrafficPublisher:
             self._last_analysis, self._last_analysis_count = time.monotonic(), seen
 
     def report_end(self, end_time: int) -> None:
-        """Report the final analysis, then the final progress."""
         self.journal.flush()
         self._calls.flush()
         self._send(self.load_diagnosis().snapshot(end_time, self._job.own_clients))

@@ -94,7 +94,6 @@ class WatcherPublisher:
         self._publish(self._publisher.journal.add, observation, kind, (note,) if note else ())
 
     def report_if_due(self, client_count: int) -> None:
-        """Report new traffic, if enough time has passed since the last report."""
         self._client_count = client_count
         if client_count:
             self._publish(self._publisher.report_if_due, 0)

@@ -231,7 +231,6 @@ class WebServer:
                 self._seats.ending -= 1
 
     async def _close_viewers(self, application: web.Application) -> None:
-        """Close every viewer's connection, which ends the screen processes."""
         closing = (each.close(code=WSCloseCode.GOING_AWAY) for each in self._websockets)
         await asyncio.gather(*closing)
 
@@ -245,7 +244,6 @@ async def _send(send: Callable[[T], Awaitable[None]], data: T) -> None:
 async def _handle_page_event(
     message: WSMessage, screen: ScreenProcess, websocket: web.WebSocketResponse
 ) -> None:
-    """Pass a key or another event of the page to the screen process; ignore unknown events."""
     if message.type is not WSMsgType.TEXT:
         return
     try:

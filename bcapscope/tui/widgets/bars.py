@@ -45,7 +45,6 @@ class TopBar(ClickBar):
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Render the bar. If the bar is too short for the screens and the status, cut off the screens."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
@@ -122,7 +121,6 @@ class ViewBar(ClickBar):
             self.refresh()
 
     def render_line(self, y: int) -> Strip:
-        """Render the bar without the texts that do not fit."""
         width = self.size.width
         bar: list[Segment] = []
         for number, (view, name) in enumerate(self._views.items(), 1):

@@ -46,7 +46,6 @@ class FindingPage(ItemList[tuple[str, int]]):
         return (self.current_item[1] or 1) if self.current_item and self._analysis.findings else None
 
     def go_to_finding(self, number: int) -> None:
-        """Select a finding by its number, from 1."""
         for index, (_, each) in enumerate(self.items):
             if each == number:
                 self.move_cursor_to(index)

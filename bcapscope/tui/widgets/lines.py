@@ -139,12 +139,10 @@ class Lines(ScrollView, can_focus=True):
             self._update_scrollbar()
 
     def repaint(self) -> None:
-        """Redraw all lines, for example because their format changed."""
         self._strips.clear()
         self.refresh()
 
     def redraw_lines(self, *indexes: int) -> None:
-        """Redraw the lines with the given indexes, if they are visible."""
         top, height = self.scroll_offset.y, self.size.height
         seen = [index - top for index in indexes if 0 <= index - top < height]
         if seen:
@@ -176,7 +174,6 @@ class Lines(ScrollView, can_focus=True):
         return [strip.crop(crop.x, crop.right) for strip in strips]
 
     def _line_strip(self, index: int, x: int, width: int) -> Strip:
-        """Return the strip of a line, or a blank strip below the last line."""
         is_there = index < self._known_count
         is_cursor = is_there and self.highlights_cursor_line and index == self.cursor
         sign = self.line_state(index) if is_there else None
@@ -277,7 +274,6 @@ class Lines(ScrollView, can_focus=True):
             self.post_message(self.Chosen(self, self.cursor))
 
     def on_click(self, event: Click) -> None:
-        """Move the cursor to the clicked line. A double click chooses the line."""
         offset = event.get_content_offset(self)
         if offset is None:
             return

@@ -103,7 +103,6 @@ class FieldTree(Lines):
         return len(self._visible)
 
     def line(self, index: int) -> str:
-        """Return a row as text: the offset of its first byte, its name and its meaning."""
         at = self._visible[index]
         section, row = self._entries[at]
         if row is None:
@@ -139,7 +138,6 @@ class FieldTree(Lines):
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Return whether a branch is folded at first. A short branch without problems is folded."""
         row = self._entries[at].row
         if row is None or row.depth or row.kind is not FieldRowKind.FIELD:
             return False
@@ -176,9 +174,6 @@ class FieldTree(Lines):
         self.reset_lines(self._visible.index(at))
 
     def action_fold(self) -> None:
-        """Fold the branch under the cursor. If the branch is already folded, or the cursor is on a leaf,
-        select the parent.
-        """
         if not self._visible:
             return
         at = self._visible[self.cursor]
@@ -200,9 +195,6 @@ class FieldTree(Lines):
                 self._set_folded(at, at not in self._folded)
 
     def action_full(self) -> None:
-        """Show all elements and characters of long values, or only the first ones. Each use of the action
-        switches between the two.
-        """
         self._full = not self._full
         self._rebuild()
 

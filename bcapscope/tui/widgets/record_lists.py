@@ -164,7 +164,6 @@ class FrameList(RecordList[ObservationStore]):
         return self.source.read_frame(number)
 
     def line(self, index: int) -> str:
-        """Return the line of a frame, which begins with the marks of the frame."""
         number = self.record_at(index)
         if self.clock is TimeFormat.DELTA:
             self._renderer.set_time_origin(self.source.time_of(self.record_at(max(0, index - 1))))
@@ -175,7 +174,6 @@ class FrameList(RecordList[ObservationStore]):
         return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line. The list draws the line again if the marks change."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
