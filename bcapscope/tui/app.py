@@ -123,12 +123,9 @@ class BcapApp(KeyOrderApp):
         self.set_class(is_dark, "-dark-mode", update=False)
         self.set_class(not is_dark, "-light-mode", update=False)
         self.stylesheet.set_variables(self.get_css_variables())
-        self._update_text_styles()
+        self.watch_theme()
 
     def watch_theme(self) -> None:
-        self._update_text_styles()
-
-    def _update_text_styles(self) -> None:
         inks = theme_styles(self.current_theme)
         if self.no_color:
             inks = {name: Style(bold=style.bold) for name, style in inks.items()} | {

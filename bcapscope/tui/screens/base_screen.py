@@ -31,6 +31,7 @@ from bcapscope.tui.themes import THEMES
 from bcapscope.tui.widgets.bars import KeyBar, TopBar
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class HelpScreen(ModalScreen[None]):
@@ -203,8 +204,9 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
-    A subclass puts into its content a `ViewBar`, and a `Switcher` with one list for each view in `VIEWS`.
-    Each list has the name of its view as its id.
+    A subclass puts into its content a `ViewBar`, an `InkedText` with the id ``head`` for the titles of
+    columns, and a `Switcher` with one list for each view in `VIEWS`. Each list has the name of its view as
+    its id.
 
     Attributes:
         VIEWS: For each view name, the label id of the view. The screen starts with the first view.
@@ -221,6 +223,9 @@ class ViewsScreen(BaseScreen):
         found = self.query_one(f"#{self.view}")
         assert isinstance(found, Lines)
         return found
+
+    def show_header(self) -> None:
+        self.query_one("#head", InkedText).show_text(self.shown_list.header(), layout=False)
 
     def action_view(self, view: str) -> None:
         self.view = view

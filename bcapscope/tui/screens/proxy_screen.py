@@ -8,12 +8,10 @@ from functools import partial
 from typing import Any, ClassVar
 
 import msgspec
-from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
-from textual.widgets import Static
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.fault_notation import read_fault
@@ -118,7 +116,7 @@ class ProxyScreen(ViewsScreen):
     def content(self) -> ComposeResult:
         yield InkedText(id="summary")
         yield ViewBar(self.VIEWS, id="views")
-        yield Static(id="head")
+        yield InkedText(id="head")
         with Switcher(initial="clients", id="lists"):
             yield ClientList("proxy.empty.clients", id="clients")
             yield RuleList("proxy.empty.rules", id="rules")
@@ -292,9 +290,7 @@ class ProxyScreen(ViewsScreen):
     def show_view(self) -> None:
         self.query_one("#fault-line").display = self.view == "rules"
         self.query_one("#message").display = self.view == "held"
-        shown = self.shown_list
-        head = shown.header() if isinstance(shown, ClientList | RuleList | HeldList) else ""
-        self.query_one("#head", Static).update(Text(head, no_wrap=True, overflow="crop"))
+        self.show_header()
 
     # rules
 

@@ -38,7 +38,7 @@ from bcapscope.tui.widgets.lines import Lines, TextList
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
-from bcapscope.tui.widgets.text_widgets import CheckedInput
+from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views that list frames or calls, each with the kind of record that its filter tests."""
@@ -63,7 +63,6 @@ class TrafficViews(ViewsScreen):
         super().__init__()
         self.clock = TimeFormat.RELATIVE
         self._generation = 0
-        self._header_text = ""
         self._set_feed(feed, title)
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:
@@ -82,7 +81,7 @@ class TrafficViews(ViewsScreen):
         yield CheckedInput(
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
         )
-        yield Static(id="head")
+        yield InkedText(id="head")
         with Switcher(initial="frames", id="lists"):
             yield FrameList(id="frames")
             yield CallList(id="calls")
@@ -193,11 +192,7 @@ class TrafficViews(ViewsScreen):
         several = self.feed.progress.clients > 1
         self.frames.set_line_format(self.clock, several, first)
         self.calls.set_line_format(self.clock, several, first)
-        shown = self.shown_list
-        text = shown.header() if isinstance(shown, RecordList) else ""
-        if text != self._header_text:
-            self._header_text = text
-            self.query_one("#head", Static).update(Text(text), layout=False)
+        self.show_header()
 
     def show_state(self) -> None:
         journal, calls, brief = self.feed.journal, self.feed.calls, self.size.width < _NARROW_WIDTH

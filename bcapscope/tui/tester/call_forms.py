@@ -210,23 +210,19 @@ class FunctionPanel(Vertical):
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._initial_function = initial_function
+        self._function = initial_function
 
     def compose(self) -> ComposeResult:
         with Horizontal(classes="row"):
             yield Caption("tester.function")
-            function = self._initial_function
-            yield Button(f"{function.id} {function.name} ▾", compact=True, id="choose-function")
-        yield FunctionForm(self._initial_function)
+            label_text = f"{self._function.id} {self._function.name} ▾"
+            yield Button(label_text, compact=True, id="choose-function")
+        yield FunctionForm(self._function)
 
     async def show_function(self, function: Function) -> FunctionForm:
-        button = self.query_one("#choose-function", Button)
-        button.label = f"{function.id} {function.name} ▾"
-        button.refresh(layout=True)  # its width follows its label
-        await self.query_one(FunctionForm).remove()
-        form = FunctionForm(function)
-        await self.mount(form)
-        return form
+        self._function = function
+        await self.recompose()
+        return self.query_one(FunctionForm)
 
 
 MAX_DATAGRAM = 65_507

@@ -68,12 +68,6 @@ class HistoryLines(ItemList[HistoryRecord]):
 class HistoryPanel(Vertical):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("slash", "filter", "traffic.filter", key_display="/")]
 
-    @dataclass
-    class RecordSelected(Message):
-        """The cursor moved to a call. The screen then shows the packets of this call."""
-
-        record: HistoryRecord
-
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._records: list[HistoryRecord] = []
@@ -112,12 +106,6 @@ class HistoryPanel(Vertical):
     @on(CheckedInput.Entered)
     def _focus_list(self) -> None:
         self.query_one(HistoryLines).focus()
-
-    @on(Lines.Moved)
-    def _cursor_moved(self) -> None:
-        lines = self.query_one(HistoryLines)
-        if lines.current_item is not None and lines.has_focus:
-            self.post_message(self.RecordSelected(lines.current_item))
 
     @on(Lines.Chosen)
     def _edit_chosen(self) -> None:

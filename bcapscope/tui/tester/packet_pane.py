@@ -26,6 +26,7 @@ from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import Prompt
 from bcapscope.tui.tester.call_lists import HistoryLines, HistoryPanel, SavedList, WatchList
 from bcapscope.tui.tester.form_widgets import ChoiceRow, FormButton, TickBox
+from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.text_widgets import InkedText
 
@@ -202,9 +203,11 @@ class PacketPane(Vertical):
         first = call_name(record.function_id, record.arguments)
         self.app.push_screen(Prompt(label("tester.save"), "", printable(first)), take)
 
-    @on(HistoryPanel.RecordSelected)
-    def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:
-        self.show_record(message.record)
+    @on(Lines.Moved)
+    def _show_selected_record(self, message: Lines.Moved) -> None:
+        lines = message.lines
+        if isinstance(lines, HistoryLines) and lines.current_item is not None and lines.has_focus:
+            self.show_record(lines.current_item)
 
     @on(Button.Pressed, "#clear")
     def _clear_packets(self) -> None:

@@ -88,6 +88,10 @@ class Lines(ScrollView, can_focus=True):
     def line(self, index: int) -> str:
         """Return a line, rendered with `ink.INK`."""
 
+    def header(self) -> str:
+        """Return the titles of the columns; "" for a list without columns."""
+        return ""
+
     # for subclasses
 
     def reset_lines(self, cursor: int = 0) -> None:

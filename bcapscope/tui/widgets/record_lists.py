@@ -85,10 +85,6 @@ class RecordList(Lines, Generic[Source]):
         """Header of two columns: the client and the direction arrow. "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
-    @abstractmethod
-    def header(self) -> str:
-        """Return the titles of the columns."""
-
     @property
     def row_count(self) -> int:
         """Number of rows that show a record each."""
