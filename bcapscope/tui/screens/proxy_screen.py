@@ -11,7 +11,9 @@ import msgspec
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Vertical
 from textual.events import Resize
+from textual.widgets import ContentSwitcher
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.fault_notation import read_fault
@@ -39,7 +41,6 @@ from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.lines import ItemList, Lines
 from bcapscope.tui.widgets.packet_view import FieldTree, PacketView
-from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 
@@ -117,13 +118,13 @@ class ProxyScreen(ViewsScreen):
         yield InkedText(id="summary")
         yield ViewBar(self.VIEWS, id="views")
         yield InkedText(id="head")
-        with Switcher(initial="clients", id="lists"):
+        with ContentSwitcher(initial="clients", id="lists"):
             yield ClientList("proxy.empty.clients", id="clients")
             yield RuleList("proxy.empty.rules", id="rules")
             yield HeldList("proxy.empty.held", id="held")
             yield ProxyLog("proxy.empty.messages", id="messages")
         yield CheckedInput("fault", read_fault, label("proxy.add.hint"))
-        with PlainVertical(id="message"):
+        with Vertical(id="message"):
             yield InkedText(id="intercepts")
             yield PacketView(id="packet")
             yield CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))

@@ -11,8 +11,9 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
+from textual.containers import Vertical
 from textual.events import Resize
-from textual.widgets import Static
+from textual.widgets import ContentSwitcher, Static
 
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
@@ -36,7 +37,6 @@ from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines, TextList
 from bcapscope.tui.widgets.packet_view import PacketView
-from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
 from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
@@ -82,13 +82,13 @@ class TrafficViews(ViewsScreen):
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
         )
         yield InkedText(id="head")
-        with Switcher(initial="frames", id="lists"):
+        with ContentSwitcher(initial="frames", id="lists"):
             yield FrameList(id="frames")
             yield CallList(id="calls")
             yield FindingPage(id="findings")
             yield TextList("traffic.empty.slave", id="slave")
             yield TextList("traffic.empty.statistics", id="statistics")
-        with PlainVertical(id="detail"):
+        with Vertical(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
 

@@ -20,7 +20,6 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.tui.ink import CURSOR, INK, LIT
 from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 MAX_ROWS = 20_000
 """Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
@@ -358,7 +357,7 @@ be narrower, the view shows eight bytes per line.
 """
 
 
-class PacketView(Horizontal, PlainContainer):
+class PacketView(Horizontal):
     """Shows one frame, or bytes that are not a frame, as a tree and as bytes. The tree and the bytes
     highlight the same field.
     """
