@@ -79,7 +79,7 @@ class TrafficFeed:
         self.progress = ReadProgress()
         self.is_closed = False
         self._listener: FeedListener | None = None
-        self._undelivered: list[FeedUpdate] = []
+        self._undelivered: dict[type, FeedUpdate] = {}
         self._lock = threading.Lock()
         self._errors = (Path(self.job.folder) / "errors").open("w+b")
         self._reader: subprocess.Popen[bytes] | None = None
@@ -120,11 +120,12 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass earlier updates to `listener` immediately, and all later updates from another thread."""
+        """Pass the latest earlier update of each kind to `listener` immediately, and all later updates from
+        another thread.
+        """
         with self._lock:
             self._listener = listener
-            waiting, self._undelivered = self._undelivered, []
-        for message in waiting:
+        for message in self._undelivered.values():
             listener(message)
 
     def open_journal(self) -> bool:
@@ -161,7 +162,8 @@ class TrafficFeed:
         with self._lock:
             listener = self._listener
             if listener is None:
-                self._undelivered.append(message)
+                self._undelivered.pop(type(message), None)  # the new update goes to the end
+                self._undelivered[type(message)] = message
         if listener is not None:
             listener(message)
 
