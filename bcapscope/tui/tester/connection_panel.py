@@ -42,8 +42,8 @@ class ConnectWanted(Message):
 class ConnectionPanel(Vertical):
     """The fields of a connection; Enter in any of these fields connects."""
 
-    def __init__(self, host: str, port: int, tcp: bool, option: str, *, id: str | None = None) -> None:
-        super().__init__(id=id)
+    def __init__(self, host: str, port: int, tcp: bool, option: str) -> None:
+        super().__init__()
         self._initial_fields = (host, port, tcp, option)
         self._steps: dict[ConnectStep, ConnectStepUpdate] = {}
         self._problem = ""

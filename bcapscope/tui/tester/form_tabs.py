@@ -23,8 +23,8 @@ TABS = ("robot", "variable", "task", "function", "raw")
 class FormTabs(Vertical):
     """Shows one tab at a time, and fills the forms in the tabs with earlier calls."""
 
-    def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
-        super().__init__(id=id)
+    def __init__(self, initial_function: Function) -> None:
+        super().__init__()
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
