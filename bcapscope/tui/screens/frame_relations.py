@@ -140,8 +140,7 @@ def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], Annota
     """
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
-        seen = read_frame(number).observation
-        if not seen.packet:
-            continue
-        notes[seen.packet] = "; ".join(filter(None, (notes.get(seen.packet), note)))
+        packet = read_frame(number).observation.packet
+        if packet:
+            notes[packet] = "; ".join(filter(None, (notes.get(packet), note)))
     return notes

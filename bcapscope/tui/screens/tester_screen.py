@@ -285,18 +285,11 @@ class TesterScreen(TesterNavigation):
         else:
             wanted.done()
 
-    @on(WatchList.AddWanted)
-    def _add_watched(self, message: WatchList.AddWanted) -> None:
+    @on(WatchList.ChangeWanted)
+    def _change_watched(self, message: WatchList.ChangeWanted) -> None:
         self.query_one(PacketPane).show_view("watch")
-        self.run_worker(self.session.run_in_loop(self.variable_watcher.add(message.variable)), group="watch")
-
-    @on(WatchList.RemoveWanted)
-    def _remove_watched(self, message: WatchList.RemoveWanted) -> None:
-        self.run_worker(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), group="watch")
-
-    @on(WatchList.ResetWanted)
-    def _reset_watched(self) -> None:
-        self.run_worker(self.session.run_in_loop(self.variable_watcher.reset()), group="watch")
+        change = message.change(self.variable_watcher)
+        self.run_worker(self.session.run_in_loop(change), group="watch")
 
     @on(SavedList.RequestWanted)
     async def _use_saved_request(self, message: SavedList.RequestWanted) -> None:

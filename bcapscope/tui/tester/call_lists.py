@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 from textual import on
@@ -14,14 +15,13 @@ from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
 
-from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.render.escape import printable
 from bcapscope.render.result_values import variant_values_text
 from bcapscope.render.sparkline import sparkline
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
 from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
-from bcapscope.tui.controller_access.watched_variables import WatchedVariable, WatchSeries
+from bcapscope.tui.controller_access.watched_variables import VariableWatcher, WatchedVariable, WatchSeries
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import ItemList, Lines
@@ -135,17 +135,10 @@ class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
     ]
 
     @dataclass
-    class AddWanted(Message):
-        """The user wants to watch an open variable."""
+    class ChangeWanted(Message):
+        """The user wants to watch a variable, to stop watching it, or to reset minimum and maximum values."""
 
-        variable: ObjectHandle
-
-    @dataclass
-    class RemoveWanted(Message):
-        handle: int
-
-    class ResetWanted(Message):
-        """The user wants to reset the minimum and maximum values of the watched variables."""
+        change: Callable[[VariableWatcher], Coroutine[Any, Any, None]]
 
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
         rows = [(each, index) for each in watched for index in range(max(1, len(each.series)))]
@@ -178,10 +171,10 @@ class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
     def action_remove(self) -> None:
         watched = self.current_item[0] if self.current_item else None
         if watched is not None:
-            self.post_message(self.RemoveWanted(watched.handle))
+            self.post_message(self.ChangeWanted(lambda watcher: watcher.remove(watched.handle)))
 
     def action_reset(self) -> None:
-        self.post_message(self.ResetWanted())
+        self.post_message(self.ChangeWanted(VariableWatcher.reset))
 
 
 def _title_row(widths: ColumnWidths) -> str:

@@ -27,7 +27,6 @@ from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.widgets.text_widgets import InkedText
 
-DEFAULT_PORT = 5007
 _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
 
 

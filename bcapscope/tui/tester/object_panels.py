@@ -155,7 +155,7 @@ class VariablePanel(Box):
     def _request_watch(self) -> None:
         found = self.query_one(OpenObjectRow).find_open(label("tester.variable.missing"))
         if found is not None:
-            self.post_message(WatchList.AddWanted(found))
+            self.post_message(WatchList.ChangeWanted(lambda watcher: watcher.add(found)))
 
     def _select_type(self, name: str) -> None:
         """Select the type of a newly opened variable, if the type is known."""

@@ -65,7 +65,6 @@ class Lines(ScrollView, can_focus=True):
         """The cursor moved to another line, or a new line replaced the line under the cursor."""
 
         lines: Lines
-        index: int
 
     class Chosen(Moved):
         """The user pressed Enter on a line, or clicked the line under the cursor."""
@@ -247,7 +246,7 @@ class Lines(ScrollView, can_focus=True):
         self.repaint()
 
     def _post_moved(self) -> None:
-        self.post_message(self.Moved(self, self.cursor))
+        self.post_message(self.Moved(self))
 
     def _scroll_to_cursor(self) -> None:
         height = self.size.height
@@ -275,7 +274,7 @@ class Lines(ScrollView, can_focus=True):
 
     def action_choose(self) -> None:
         if self.count:
-            self.post_message(self.Chosen(self, self.cursor))
+            self.post_message(self.Chosen(self))
 
     def on_click(self, event: Click) -> None:
         offset = event.get_content_offset(self)
