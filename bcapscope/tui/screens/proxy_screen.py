@@ -103,6 +103,10 @@ class ProxyScreen(ViewsScreen):
             note: Warning to show at the start; "" for no warning.
         """
         super().__init__()
+        self.clients = ClientList("proxy.empty.clients", id="clients")
+        self.rules = RuleList("proxy.empty.rules", id="rules")
+        self.held = HeldList("proxy.empty.held", id="held")
+        self._messages = ProxyLog("proxy.empty.messages", id="messages")
         self._control_client = ControlClient(address)
         self._control_lock = threading.Lock()  # only one thread at a time may use the control client
         self.route = route
@@ -119,10 +123,7 @@ class ProxyScreen(ViewsScreen):
         yield ViewBar(self.VIEWS, id="views")
         yield InkedText(id="head")
         with ContentSwitcher(initial="clients", id="lists"):
-            yield ClientList("proxy.empty.clients", id="clients")
-            yield RuleList("proxy.empty.rules", id="rules")
-            yield HeldList("proxy.empty.held", id="held")
-            yield ProxyLog("proxy.empty.messages", id="messages")
+            yield from (self.clients, self.rules, self.held, self._messages)
         yield CheckedInput("fault", read_fault, label("proxy.add.hint"))
         with Vertical(id="message"):
             yield InkedText(id="intercepts")
@@ -216,7 +217,7 @@ class ProxyScreen(ViewsScreen):
             self._feed.report_source_problem(reason)
 
     def add_output(self, text: str) -> None:
-        self.query_one(ProxyLog).add_message(text)
+        self._messages.add_message(text)
         self.show_state()
 
     def show_end(self, last_line: str) -> None:
@@ -233,18 +234,6 @@ class ProxyScreen(ViewsScreen):
 
     # display
 
-    @property
-    def clients(self) -> ClientList:
-        return self.query_one(ClientList)
-
-    @property
-    def rules(self) -> RuleList:
-        return self.query_one(RuleList)
-
-    @property
-    def held(self) -> HeldList:
-        return self.query_one(HeldList)
-
     def show_state(self) -> None:
         key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
         held = 0 if self._has_ended else len(self.held.items)
@@ -257,7 +246,7 @@ class ProxyScreen(ViewsScreen):
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
         self.query_one("#summary", InkedText).show_text("\n".join(lines))
-        lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self.query_one(ProxyLog)]
+        lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self._messages]
         counts = {str(each.id): str(len(each.items) or "") for each in lists}
         self.query_one(ViewBar).show_counts(self.view, counts, ())
         self._show_message()
@@ -342,7 +331,7 @@ class ProxyScreen(ViewsScreen):
             self._send_order(decide(held.number), partial(self._decision_done, text))
 
     def _decision_done(self, text: str) -> None:
-        self.query_one(ProxyLog).add_message(text)
+        self._messages.add_message(text)
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:

@@ -61,6 +61,7 @@ class TrafficViews(ViewsScreen):
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
         super().__init__()
+        self.frames, self.calls = FrameList(id="frames"), CallList(id="calls")
         self.clock = TimeFormat.RELATIVE
         self._generation = 0
         self._set_feed(feed, title)
@@ -83,8 +84,8 @@ class TrafficViews(ViewsScreen):
         )
         yield InkedText(id="head")
         with ContentSwitcher(initial="frames", id="lists"):
-            yield FrameList(id="frames")
-            yield CallList(id="calls")
+            yield self.frames
+            yield self.calls
             yield FindingPage(id="findings")
             yield TextList("traffic.empty.slave", id="slave")
             yield TextList("traffic.empty.statistics", id="statistics")
@@ -177,14 +178,6 @@ class TrafficViews(ViewsScreen):
             target.lines_added()
 
     # display
-
-    @property
-    def frames(self) -> FrameList:
-        return self.query_one(FrameList)
-
-    @property
-    def calls(self) -> CallList:
-        return self.query_one(CallList)
 
     def update_line_format(self) -> None:
         journal = self.feed.journal
