@@ -206,9 +206,7 @@ class BcapApp(KeyOrderApp):
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Call all HALT callbacks; return whether one of them stopped something. Any thread may call this
-        method.
-        """
+        """Call all HALT callbacks; return whether one of them stopped something. Any thread may call this."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
@@ -263,9 +261,7 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
-        """Copy to the clipboard. This method escapes lone surrogates first, because no clipboard accepts
-        them.
-        """
+        """Copy to the clipboard; lone surrogates are escaped, because no clipboard accepts them."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
     def show_message(self, text: str, severity: SeverityLevel = "information") -> None:

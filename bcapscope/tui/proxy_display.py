@@ -156,9 +156,7 @@ def _slow_warning(delays: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Return the line that says which messages the proxy holds. The text in the line is escaped, and styled
-    with marks of `INK`.
-    """
+    """Return an escaped line that says which messages the proxy holds, styled with marks of `INK`."""
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
     return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

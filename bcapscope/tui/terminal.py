@@ -97,9 +97,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
             self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
 
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-            """Handle a message from the server; the message `quit` ends the program in the same way as
-            Ctrl-Q.
-            """
+            """Handle a message from the server; `quit` ends the program in the same way as Ctrl-Q."""
             if packet_type == "quit":
                 self._end_program()
             else:

@@ -74,9 +74,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield lines of text: how bcapscope read the file, what the file contains, and which problems
-        prevent playing.
-        """
+        """Yield lines: how bcapscope read the file, its content, and the problems that prevent playing."""
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (

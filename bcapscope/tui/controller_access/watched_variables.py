@@ -43,9 +43,7 @@ class WatchSeries:
 
     @property
     def rate(self) -> float | None:
-        """How much the number changed per second between the last two readings; None before the second
-        reading.
-        """
+        """Change per second between the last two readings; None before the second reading."""
         if len(self.readings) < 2:
             return None
         (before, was), (now, value) = self.readings[-2], self.readings[-1]
@@ -96,9 +94,7 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one `ControllerSession`; only the thread of this object changes
-    `variables`.
-    """
+    """Watches variables through a `ControllerSession`; only the session's thread changes `variables`."""
 
     def __init__(self, session: ControllerSession) -> None:
         self._session = session

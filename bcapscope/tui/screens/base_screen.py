@@ -66,9 +66,7 @@ class HelpScreen(ModalScreen[None]):
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the key of the action, with its name as in the
-    documentation; "" if the action has no key.
-    """
+    """An action in the command palette. `key` is the action's key as the user reads it; "" for no key."""
 
     name: str
     tip: str
@@ -78,9 +76,7 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield one command for each action that has a key binding in `node`. The node is a widget, a screen or
-    the application.
-    """
+    """Yield one command for each action that has a key in a widget, a screen or the application."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
@@ -193,9 +189,7 @@ class BaseScreen(Screen[None]):
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield one key binding for each view of a screen. The key 1 shows the first view, the key 2 the second,
-    and so on. `tip` is the label id of the explanation.
-    """
+    """Yield a number key for each view of a screen. `tip` is the label id of the explanation."""
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 

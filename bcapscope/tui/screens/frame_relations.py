@@ -135,9 +135,7 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes for each packet number. A note on a frame belongs to the packet that completed the
-    frame.
-    """
+    """Return notes by packet number. A frame's note belongs to the packet that completed the frame."""
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
         packet = read_frame(number).observation.packet

@@ -258,9 +258,7 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm. The player, which is a separate client, needs slave mode and
-        the arm.
-        """
+        """Leave slave mode and release the arm, because the player is another client, which needs both."""
         session = self._session
         try:
             if status.slave_mode:

@@ -19,15 +19,10 @@ _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
 
 
 class TesterNavigation(BaseScreen):
-    """Navigation commands of a screen that contains `FormTabs` and a `PacketPane`.
-
-    A subclass binds the keys.
-    """
+    """Navigation in a screen that contains `FormTabs` and a `PacketPane`. A subclass binds the keys."""
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for the tabs and views. Without the palette, the user must press several
-        keys to reach a tab or a view.
-        """
+        """Yield palette commands for tabs and views, because reaching one by keys takes several keys."""
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
                 title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
@@ -57,9 +52,7 @@ class TesterNavigation(BaseScreen):
         self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
 
     def _focus_first_in(self, part: Widget) -> bool:
-        """Focus the first usable widget in an area of the screen, if there is one. Return whether the area
-        has a usable widget.
-        """
+        """Focus the first usable widget in an area of the screen; return whether there is one."""
         among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
         shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
         found = next((each for each in shown if each.focusable), None)

@@ -78,9 +78,7 @@ class TrafficScreen(TrafficViews):
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
-        """If the filter field has the focus, return to the list. If the list has the focus, remove the
-        filter.
-        """
+        """Return from the filter field to the list; from the list, remove the filter."""
         if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
             self.set_filter("")
         super().action_back()
@@ -113,9 +111,7 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """From the list of frames, go to the list of calls and select the call of the frame under the cursor.
-        From the list of calls, go to the list of frames and select the frame under the cursor.
-        """
+        """Go from a frame to its call, or from a call to the frame under the cursor."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -132,9 +128,7 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """If the cursor is on a frame, select the finding that names the frame. If the cursor is on a
-        finding, select its cause.
-        """
+        """Go from a frame to the finding that names it, or from a finding to its cause."""
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()
@@ -214,9 +208,7 @@ class TrafficScreen(TrafficViews):
             self._set_note(number, None if number in self.frames.marks else "")
 
     def _set_note(self, number: int, note: str | None) -> None:
-        """Mark a frame. `note` is the user's note, "" for a mark without a note, or None to remove the
-        mark.
-        """
+        """Mark a frame. `note` is "" for a mark without a note; None removes the mark."""
         self.frames.marks.pop(number, None)
         if note is not None:
             self.frames.marks[number] = note

@@ -128,9 +128,7 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A form with one row per argument, except the handle. The form reports invalid text while the user
-    types.
-    """
+    """A form with one row per argument except the handle. It checks the text while the user types."""
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -170,9 +168,7 @@ class FunctionForm(Vertical):
                 field.value = value.value
 
     def argument_values(self) -> tuple[Variant, ...] | str:
-        """Return the arguments without the handle, or a text that says what is wrong with the first invalid
-        argument.
-        """
+        """Return the arguments without the handle, or what is wrong with the first invalid argument."""
         found: list[Variant] = []
         for index, param in enumerate(self.params):
             field = self.query_one(f"#field{index}")

@@ -209,9 +209,7 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request. If `edit` is set, the user wants to edit the request in a
-        form before sending.
-        """
+        """The user wants to send a saved request; if `edit` is set, after editing it in a form."""
 
         saved: SavedRequest
         edit: bool

@@ -83,9 +83,7 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def wanted_connection(self) -> ConnectWanted | str:
-        """Return the connection that the fields describe, or a text that says what is wrong with the
-        fields.
-        """
+        """Return the connection that the fields describe, or a text that says what is wrong with them."""
         host, port = split_host_port(self.query_one("#host", Input).value.strip())
         port = port or self.query_one("#port", Input).value.strip()  # "host:5007" takes precedence
         tcp = not self.query_one("#udp", TickBox).value

@@ -70,9 +70,7 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], call_kind: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Add packets; show the first new packet if `show_first` is set, or the last new packet if it is
-        not.
-        """
+        """Add packets, and show the first (`show_first`) or the last of them."""
         if overwrite:
             self._packets = []
         self._packets += [(seen, call_kind) for seen in packets]

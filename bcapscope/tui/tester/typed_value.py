@@ -74,9 +74,7 @@ def command_hint(known: CommandSpec) -> str:
 
 
 class TypedValue(Horizontal):
-    """A list of types and an input field. The widget reports an error if the text does not fit the chosen
-    type.
-    """
+    """A list of types, and an input field that reports a text that does not fit the chosen type."""
 
     @dataclass
     class Changed(Message):

@@ -63,9 +63,7 @@ class TrafficSearch:
             request = self._answer_request(request) if request.expression else self.requests.get()
 
     def _answer_request(self, request: SearchRequest) -> SearchRequest:
-        """Search the existing rows first, and then new rows. Stop when the next request arrives, and return
-        that request.
-        """
+        """Search the existing rows, then new rows, until the next request arrives; return that request."""
         is_frame = request.kind == RecordKind.FRAME
         fits, count_rows = self._frame_search(request) if is_frame else self._call_search(request)
         rows, searched, reported, reported_at = array("I"), 0, 0.0, -1

@@ -81,9 +81,7 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """If enough time has passed, report progress and, less often, the analysis of the traffic until
-        `end_time` (ns since 1970).
-        """
+        """If enough time has passed, report progress and, less often, the analysis until `end_time` (ns)."""
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return

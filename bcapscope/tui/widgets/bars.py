@@ -30,9 +30,7 @@ class ClickBar(Widget):
 
 
 class TopBar(ClickBar):
-    """Shows the screens with their keys, and `BcapApp.status` at the right. A click on a screen opens this
-    screen.
-    """
+    """Shows the screens with their keys, and `BcapApp.status` at the right. A click opens a screen."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
@@ -61,9 +59,7 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys and actions as fit, beginning with the keys of the focused widget. A click runs the
-    action.
-    """
+    """Shows as many keys as fit, those of the focused widget first. A click runs the action."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -96,9 +92,7 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the views with their keys and numbers of rows. At the right, it shows the progress. A click on a
-    view shows this view.
-    """
+    """Shows the views with their keys and numbers of rows, and the progress. A click shows a view."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 

@@ -106,9 +106,7 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show new lines. If `follows_end` is set and the cursor is on the last line, move the cursor to the
-        new last line.
-        """
+        """Show new lines. With `follows_end`, a cursor on the last line moves to the new last line."""
         before, count = self._known_count, self.count
         if count == before:
             return
@@ -305,9 +303,7 @@ class ItemList(Lines, Generic[T]):
         """Return the line of an item, rendered with `ink.INK`."""
 
     def key_of(self, item: T) -> object:
-        """Return a value that identifies the item; None if the item can be identified only by its
-        position.
-        """
+        """Return a value that identifies the item; None if only its position identifies the item."""
         return None
 
     def show_items(self, items: Sequence[T]) -> None:

@@ -72,9 +72,7 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field that contains a byte, and return the field's start and end. Post no
-        message.
-        """
+        """Select the innermost field with a byte, without a message; return the field's start and end."""
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -358,9 +356,7 @@ be narrower, the view shows eight bytes per line.
 
 
 class PacketView(Horizontal):
-    """Shows one frame, or bytes that are not a frame, as a tree and as bytes. The tree and the bytes
-    highlight the same field.
-    """
+    """Shows a frame, or other bytes, as a tree and as bytes. Both highlight the same field."""
 
     def compose(self) -> ComposeResult:
         """Put the tree and the bytes side by side. The vertical line between tree and bytes is a widget,
@@ -380,9 +376,7 @@ class PacketView(Horizontal):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Divide the width: the view of the bytes gets the columns that it needs, and the tree gets the other
-        columns.
-        """
+        """Give the view of the bytes the columns that it needs, and the tree the other columns."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST

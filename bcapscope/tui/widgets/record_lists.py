@@ -69,9 +69,7 @@ class RecordList(Lines, Generic[Source]):
 
     @abstractmethod
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """Set the format of the lines that are rendered after this call. Relative times count from
-        `origin`.
-        """
+        """Set the format of the lines rendered after this call. Relative times count from `origin`."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
         """Set the format of times, and whether lines show the client. Relative times count from `origin`."""
@@ -101,9 +99,7 @@ class RecordList(Lines, Generic[Source]):
         return row if self.matches is None or number in self.matches[row : row + 1] else None
 
     def nearest_row(self, number: int) -> int:
-        """Return the row of a record. If the filter hides the record, return the row of the next visible
-        record.
-        """
+        """Return the row of a record; if the filter hides it, the row of the next visible record."""
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
@@ -179,9 +175,7 @@ class FrameList(RecordList[ObservationStore]):
         return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
 
     def show_related(self, related: Collection[int]) -> None:
-        """Mark the frames `related` as part of the call under the cursor, and remove the marks of the
-        previous call.
-        """
+        """Mark the frames of the call under the cursor, and unmark those of the previous call."""
         if related != self.related:
             changed = [self.row_of(number) for number in {*related, *self.related}]
             self.related = related
@@ -248,9 +242,7 @@ class CallList(RecordList[CallStore]):
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, and the number of the frame under the cursor; None if the list is
-        empty.
-        """
+        """The call under the cursor, and the number of its frame; None if the list is empty."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)

@@ -40,9 +40,7 @@ class InkedText(Static):
 
 
 class CheckedInput(Vertical):
-    """An input line that checks its text while the user types, and posts messages only if the text is
-    valid.
-    """
+    """An input line that checks its text while the user types. Only valid text posts messages."""
 
     @dataclass
     class Typed(Message):
