@@ -7,7 +7,7 @@ The widgets post the user's actions as messages. This screen carries out these a
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.widget import Widget
 from textual.widgets import Button
 
 from bcapscope.errors import BcapError
@@ -44,21 +45,26 @@ from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.controller_access.playback import PlayerSlot
 from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
+from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
 from bcapscope.tui.tester.call_runner import CallNotice, CallWanted, function_step, repeating_step, run_armed
 from bcapscope.tui.tester.connection_panel import ConnectionPanel, ConnectWanted, arming_facts, status_pieces
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
-from bcapscope.tui.tester.form_tabs import FormTabs
-from bcapscope.tui.tester.form_widgets import Box
+from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.form_widgets import Box, ChoiceRow
 from bcapscope.tui.tester.object_panels import OpenObjectRow
-from bcapscope.tui.tester.packet_pane import PacketPane
+from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 from bcapscope.tui.tester.result_view import ResultView
 
 _EXECUTE_CONTROLLER = 17
+
+_PART_SELECTOR = "#left .box, #function, #raw, #right"
+_FOCUS_SELECTOR = "Input, HexView, Lines, Button"
+_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
+"""CSS selector of widgets that the navigation skips, because they precede the main widget of an area."""
 
 
 class TesterOptions(NamedTuple):
@@ -78,7 +84,7 @@ class TesterOptions(NamedTuple):
     tap: Callable[[Observation], None] = lambda seen: None
 
 
-class TesterScreen(TesterNavigation):
+class TesterScreen(BaseScreen):
     """Connects to a controller, makes calls, and shows their packets."""
 
     NAME = "tester.name.screen"
@@ -367,3 +373,44 @@ class TesterScreen(TesterNavigation):
         self.session.arming.arm(self.session.now())
         self._show_status()
         return True
+
+    # Navigation.
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield palette commands for tabs and views, because reaching one by keys takes several keys."""
+        for kind, names in (("tab", TABS), ("view", VIEWS)):
+            for name in names:
+                title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
+                yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
+
+    def action_part(self, by: int) -> None:
+        parts = list(self.query(_PART_SELECTOR))
+        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
+        for step in range(1, len(parts) + 1):
+            if self._focus_first_in(parts[(here + by * step) % len(parts)]):
+                return
+
+    def action_next_tab(self) -> None:
+        here = self.query_one("#tabs", ChoiceRow).chosen
+        self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
+
+    def action_next_view(self) -> None:
+        here = self.query_one("#view", ChoiceRow).chosen
+        self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
+
+    def action_tab(self, name: str) -> None:
+        self.query_one(FormTabs).show_tab(name)
+        self.call_after_refresh(self._focus_first_in, self.query_one("#panels"))
+
+    def action_view(self, name: str) -> None:
+        self.query_one(PacketPane).show_view(name)
+        self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
+
+    def _focus_first_in(self, part: Widget) -> bool:
+        """Focus the first usable widget in an area of the screen; return whether there is one."""
+        among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
+        shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
+        found = next((each for each in shown if each.focusable), None)
+        if found is not None:
+            found.focus()
+        return found is not None

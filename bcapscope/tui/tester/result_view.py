@@ -36,27 +36,27 @@ class ResultView(InkedText, can_focus=True):
         self.shows_all_digits = False
         self.text = ""
 
-    def show_pending(self) -> None:
-        self.record = None
-        self._show_line(f"{INK.dim}{label('tester.waiting')}{INK.reset}")
-
     def show_record(self, record: HistoryRecord) -> None:
         self.record = record
         self._show_line(_record_text(record, self.shows_all_digits))
         self._scroll_into_view()
 
+    def show_pending(self) -> None:
+        self._show_text(label("tester.waiting"), INK.dim)
+
     def show_error(self, reason: str) -> None:
-        self.record = None
-        self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
+        self._show_text(reason, INK.bad)
         self._scroll_into_view()
 
     def show_hint(self, text: str) -> None:
-        self.record = None
-        self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
+        self._show_text(text, INK.dim)
 
     def show_problem(self, text: str) -> None:
+        self._show_text(text, INK.problem)
+
+    def _show_text(self, text: str, ink: str) -> None:
         self.record = None
-        self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
+        self._show_line(f"{ink}{printable(text)}{INK.reset}" if text else "")
 
     def show_check(self, problem: str, hint: str) -> None:
         if problem:
