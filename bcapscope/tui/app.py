@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 from rich.style import Style
-from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
@@ -113,22 +112,9 @@ class BcapApp(KeyOrderApp):
 
     def _select_theme(self, name: str) -> None:
         names = [theme.name for theme in THEMES]
-        name = name if name in names else names[0]
-        if self.is_running:
-            self.theme = name
-            return
-        # Assigning `theme` would make Textual read all styles again, although nothing has been drawn yet.
-        self.set_reactive(App.theme, name)
-        is_dark = self.current_theme.dark
-        self.set_class(is_dark, "-dark-mode", update=False)
-        self.set_class(not is_dark, "-light-mode", update=False)
-        self.stylesheet.set_variables(self.get_css_variables())
-        self._update_text_styles()
+        self.theme = name if name in names else names[0]
 
     def watch_theme(self) -> None:
-        self._update_text_styles()
-
-    def _update_text_styles(self) -> None:
         inks = theme_styles(self.current_theme)
         if self.no_color:
             inks = {name: Style(bold=style.bold) for name, style in inks.items()} | {
@@ -145,7 +131,6 @@ class BcapApp(KeyOrderApp):
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
-        """Install signal handlers, and show a warning if the settings could not be read."""
         self._install_signal_handlers()
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
@@ -161,7 +146,6 @@ class BcapApp(KeyOrderApp):
         gc.set_threshold(*self._gc_thresholds)
 
     def _install_signal_handlers(self) -> None:
-        """Close the application cleanly on SIGHUP and SIGTERM, and when the terminal disappears."""
         if sys.platform == "win32":
             return
         loop = asyncio.get_running_loop()
@@ -187,11 +171,7 @@ class BcapApp(KeyOrderApp):
         self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters that change each line before Textual writes it to the terminal."""
-        before = tuple(super().get_line_filters())
-        if before != self._control_char_filter.earlier_filters:
-            self._control_char_filter = ControlCharFilter(before)
-        return (self._control_char_filter,)
+        return (*super().get_line_filters(), self._control_char_filter)
 
     def get_key_display(self, binding: Binding) -> str:
         """Return the name of a key as the documentation writes it: F5, not f5."""
@@ -204,7 +184,6 @@ class BcapApp(KeyOrderApp):
         return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the action HALT only if a HALT callback is registered."""
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
@@ -216,9 +195,7 @@ class BcapApp(KeyOrderApp):
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Call all HALT callbacks; return whether one of them stopped something. Any thread may call this
-        method.
-        """
+        """Call all HALT callbacks; return whether one of them stopped something. Any thread may call this."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
@@ -273,9 +250,7 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
-        """Copy to the clipboard. This method escapes lone surrogates first, because no clipboard accepts
-        them.
-        """
+        """Copy to the clipboard; lone surrogates are escaped, because no clipboard accepts them."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
     def show_message(self, text: str, severity: SeverityLevel = "information") -> None:

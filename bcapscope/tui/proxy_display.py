@@ -48,7 +48,6 @@ class ClientList(ItemList[ClientStatus]):
 
 
 def _upstream_text(client: ClientStatus) -> str:
-    """Return a text that says whether the controller answers the client."""
     heard, answered = client.heard_s, client.answered_s
     if client.upstream in ("refused", "connecting"):
         return f"{INK.bad}{label(f'proxy.upstream.{client.upstream}')}{INK.reset}"
@@ -61,8 +60,6 @@ def _upstream_text(client: ClientStatus) -> str:
 
 
 class RuleList(ItemList[FaultStatus]):
-    """Shows the proxy's rules and whether each rule is on."""
-
     def key_of(self, item: FaultStatus) -> object:
         return item.name
 
@@ -97,8 +94,6 @@ class HeldList(ItemList[HeldStatus]):
 
 
 class ProxyLog(TextList):
-    """Shows the proxy's log, scrolled to the end."""
-
     follows_end = True
 
     def add_message(self, text: str) -> None:
@@ -161,9 +156,7 @@ def _slow_warning(delays: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Return the line that says which messages the proxy holds. The text in the line is escaped, and styled
-    with marks of `INK`.
-    """
+    """Return an escaped line that says which messages the proxy holds, styled with marks of `INK`."""
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
     return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

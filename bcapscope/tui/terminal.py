@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import IO, Any
@@ -97,9 +97,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
             self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
 
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-            """Handle a message from the server; the message `quit` ends the program in the same way as
-            Ctrl-Q.
-            """
+            """Handle a message from the server; `quit` ends the program in the same way as Ctrl-Q."""
             if packet_type == "quit":
                 self._end_program()
             else:
@@ -131,22 +129,9 @@ _IDEOGRAPHIC_SPACE = "\u3000"
 
 
 class ControlCharFilter(LineFilter):
-    """Runs all other line filters, then replaces each character that is not printable.
-
-    Textual splits and joins each line once per filter. To avoid this cost, `ControlCharFilter` runs the other
-    filters itself, so that Textual sees only one filter.
-    """
-
-    def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
-        super().__init__()
-        self.earlier_filters = tuple(earlier_filters)
+    """Replaces each character that is not printable."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """Return the segments of a line with all control characters replaced. Printable segments stay
-        unchanged.
-        """
-        for each in self.earlier_filters:
-            segments = each.apply(segments, background)
         if all(segment.text.isprintable() for segment in segments):
             return segments
         return [

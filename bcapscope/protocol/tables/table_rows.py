@@ -8,8 +8,8 @@ from itertools import zip_longest
 
 
 def table_rows(name: str, folder: str = os.path.dirname(__file__)) -> Iterator[dict[str, str]]:
-    """Yield each row of the table `name`.tsv in `folder` as a dictionary from column name to cell. A blank cell
-    is "".
+    """Yield each row of the table `name`.tsv in `folder` as a dictionary from column name to cell. A blank
+    cell is "".
 
     Lines that begin with ``#`` are comments. The first line that is not a comment has the names of the
     columns.

@@ -80,9 +80,6 @@ def _subject_text(record: HistoryRecord) -> str:
 
 
 def _argument_text(record: HistoryRecord) -> str:
-    """Return the arguments in parentheses, without the handle and the command name. A long text is
-    shortened.
-    """
     function = FUNCTIONS.get(record.function_id)
     named = function is not None and function.takes_handle
     first = named + (record.function_id in COMMAND_FUNCTIONS)
@@ -111,9 +108,7 @@ def history_filter(text: str) -> RecordFilter:
 
 
 def call_of_record(record: HistoryRecord) -> Call | None:
-    """Convert a call in the history to a `Call`, as if bcapscope had captured the call. Return None if no
-    intact request was sent.
-    """
+    """Convert a call to a `Call`, as if it had been captured; return None if no intact request was sent."""
     calls = CallCollector()
     pipeline = Pipeline(calls)
     for observation in record.packets:
@@ -136,9 +131,7 @@ def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget)
 
 
 def reason_text(reason: Reason) -> str:
-    """Return the reason of a failure in one line. The reason of a time-out includes the number of
-    attempts.
-    """
+    """Return the reason of a failure in one line."""
     texts = (part if isinstance(part, str) else reader_words().text(part) for part in reason)
     return ", ".join(filter(None, texts)).partition("\n")[0]
 

@@ -33,7 +33,7 @@ from bcapscope.player.realtime import RealtimeReport
 from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory import Trajectory, TrajectoryError
 from bcapscope.player.trajectory_reader import read_trajectories
-from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines, trajectory_line
 from bcapscope.tui.reader_language import reader_words
@@ -53,13 +53,13 @@ class PlaybackSettings:
     """
 
     path: str
-    index: int = 1
-    mode: SlaveModePacing | int = SlaveModePacing.SYNC
-    interval: float = float(PERIOD_MS)
-    speed: float = 1.0
-    rounds: int = 1
-    always_resample: bool = False
-    limits: tuple[str, ...] = ()
+    index: int
+    mode: SlaveModePacing | int
+    interval: float
+    speed: float
+    rounds: int
+    always_resample: bool
+    limits: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +74,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield lines of text: how bcapscope read the file, what the file contains, and which problems
-        prevent playing.
-        """
+        """Yield lines: how bcapscope read the file, its content, and the problems that prevent playing."""
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -249,11 +247,6 @@ class PlaybackRun:
         return None
 
     @property
-    def mode(self) -> SlaveMode | None:
-        """Slave mode that the player uses; None until the player has connected to the controller."""
-        return None if self.peer is None else self.peer.slave_mode
-
-    @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
         """Margin of the controller's buffer, according to a model.
 
@@ -262,7 +255,8 @@ class PlaybackRun:
         The controller in the model takes one set point every 8 ms. The margin is None before the first set
         point. The margin is also None if an empty buffer is no error in the slave mode.
         """
-        mode, progress = self.mode, self.progress
+        mode = None if self.peer is None else self.peer.slave_mode
+        progress = self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:
             return None
         whole = float(mode.buffer_slots * PERIOD_MS)

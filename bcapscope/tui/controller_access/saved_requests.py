@@ -68,9 +68,7 @@ def default_requests_folder() -> Path:
 
 
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
-    """Return the names and requests of the files in a folder. For an unreadable file, return the reason in
-    place of the request.
-    """
+    """Return each file's name with its request, or with the reason why the file is unreadable."""
     found: list[tuple[str, SavedRequest | str]] = []
     with suppress(OSError):
         for path in sorted(folder.glob(f"*{_SUFFIX}")):

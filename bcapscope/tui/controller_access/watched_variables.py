@@ -43,9 +43,7 @@ class WatchSeries:
 
     @property
     def rate(self) -> float | None:
-        """How much the number changed per second between the last two readings; None before the second
-        reading.
-        """
+        """Change per second between the last two readings; None before the second reading."""
         if len(self.readings) < 2:
             return None
         (before, was), (now, value) = self.readings[-2], self.readings[-1]
@@ -70,11 +68,9 @@ class WatchedVariable:
 
     @property
     def decimals(self) -> int:
-        """Number of decimal places to show: five, as in b-CAP Tester, or none for integers."""
         return 5 if self.value is not None and self.value.vt & ~ARRAY in _FRACTIONAL_TYPES else 0
 
     def add_reading(self, value: Variant, time: int) -> None:
-        """Add a reading that was taken at `time` (ns)."""
         self.value, self.problem = value, ""
         numbers = _numbers(value)
         if len(numbers) != len(self.series):
@@ -98,9 +94,7 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one `ControllerSession`; only the thread of this object changes
-    `variables`.
-    """
+    """Watches variables through a `ControllerSession`; only the session's thread changes `variables`."""
 
     def __init__(self, session: ControllerSession) -> None:
         self._session = session

@@ -21,7 +21,7 @@ from textual.dom import DOMNode
 from textual.events import ScreenResume
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
-from textual.widgets import Input, Static
+from textual.widgets import ContentSwitcher, Input, Static
 
 from bcapscope.messages import Language
 from bcapscope.messages.message import has_message
@@ -30,7 +30,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import THEMES
 from bcapscope.tui.widgets.bars import KeyBar, TopBar
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class HelpScreen(ModalScreen[None]):
@@ -66,9 +66,7 @@ class HelpScreen(ModalScreen[None]):
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the key of the action, with its name as in the
-    documentation; "" if the action has no key.
-    """
+    """An action in the command palette. `key` is the action's key as the user reads it; "" for no key."""
 
     name: str
     tip: str
@@ -78,9 +76,7 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield one command for each action that has a key binding in `node`. The node is a widget, a screen or
-    the application.
-    """
+    """Yield one command for each action that has a key in a widget, a screen or the application."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
@@ -118,7 +114,6 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 class ScreenCommandProvider(Provider):
     def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
-        """Yield the commands that can run now, each with the function that runs the command."""
         for command in all_commands(self.screen, cast(BcapApp, self.app)):
             if command.node.check_action(command.action.partition("(")[0], ()) is not False:
                 yield command, partial(self.app.run_action, command.action, command.node)
@@ -136,7 +131,7 @@ class ScreenCommandProvider(Provider):
                 yield Hit(score, matcher.highlight(command.name), run, command.name, command.tip or None)
 
 
-class BaseScreen(Screen[None], PlainContainer):
+class BaseScreen(Screen[None]):
     """A screen that the user can open; the method `content` yields the screen's widgets.
 
     `NAME` and `ABOUT` are the message ids of the screen's name and description.
@@ -194,9 +189,7 @@ class BaseScreen(Screen[None], PlainContainer):
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield one key binding for each view of a screen. The key 1 shows the first view, the key 2 the second,
-    and so on. `tip` is the label id of the explanation.
-    """
+    """Yield a number key for each view of a screen. `tip` is the label id of the explanation."""
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 
@@ -204,8 +197,9 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
-    A subclass puts into its content a `ViewBar`, and a `Switcher` with one list for each view in `VIEWS`.
-    Each list has the name of its view as its id.
+    A subclass puts into its content a `ViewBar`, an `InkedText` with the id ``head`` for the titles of
+    columns, and a `ContentSwitcher` with one list for each view in `VIEWS`. Each list has the name of its
+    view as its id.
 
     Attributes:
         VIEWS: For each view name, the label id of the view. The screen starts with the first view.
@@ -223,9 +217,12 @@ class ViewsScreen(BaseScreen):
         assert isinstance(found, Lines)
         return found
 
+    def show_header(self) -> None:
+        self.query_one("#head", InkedText).show_text(self.shown_list.header(), layout=False)
+
     def action_view(self, view: str) -> None:
         self.view = view
-        self.query_one(Switcher).current = view
+        self.query_one(ContentSwitcher).current = view
         self.show_view()
         self.set_focus(self.shown_list)
         self.refresh_bindings()

@@ -135,13 +135,10 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes for each packet number. A note on a frame belongs to the packet that completed the
-    frame.
-    """
+    """Return notes by packet number. A frame's note belongs to the packet that completed the frame."""
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
-        seen = read_frame(number).observation
-        if not seen.packet:
-            continue
-        notes[seen.packet] = "; ".join(filter(None, (notes.get(seen.packet), note)))
+        packet = read_frame(number).observation.packet
+        if packet:
+            notes[packet] = "; ".join(filter(None, (notes.get(packet), note)))
     return notes

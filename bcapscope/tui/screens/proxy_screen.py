@@ -8,12 +8,12 @@ from functools import partial
 from typing import Any, ClassVar
 
 import msgspec
-from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Vertical
 from textual.events import Resize
-from textual.widgets import Static
+from textual.widgets import ContentSwitcher
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.fault_notation import read_fault
@@ -41,7 +41,6 @@ from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.lines import ItemList, Lines
 from bcapscope.tui.widgets.packet_view import FieldTree, PacketView
-from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 
@@ -104,6 +103,10 @@ class ProxyScreen(ViewsScreen):
             note: Warning to show at the start; "" for no warning.
         """
         super().__init__()
+        self.clients = ClientList("proxy.empty.clients", id="clients")
+        self.rules = RuleList("proxy.empty.rules", id="rules")
+        self.held = HeldList("proxy.empty.held", id="held")
+        self._messages = ProxyLog("proxy.empty.messages", id="messages")
         self._control_client = ControlClient(address)
         self._control_lock = threading.Lock()  # only one thread at a time may use the control client
         self.route = route
@@ -113,26 +116,21 @@ class ProxyScreen(ViewsScreen):
         self._state: ProxyState | None = None
         self._problem = ""
         self._has_ended = False
-        self._summary_lines: list[str] = []
         self._shown_message: int | None = None
 
     def content(self) -> ComposeResult:
         yield InkedText(id="summary")
         yield ViewBar(self.VIEWS, id="views")
-        yield Static(id="head")
-        with Switcher(initial="clients", id="lists"):
-            yield ClientList("proxy.empty.clients", id="clients")
-            yield RuleList("proxy.empty.rules", id="rules")
-            yield HeldList("proxy.empty.held", id="held")
-            yield ProxyLog("proxy.empty.messages", id="messages")
+        yield InkedText(id="head")
+        with ContentSwitcher(initial="clients", id="lists"):
+            yield from (self.clients, self.rules, self.held, self._messages)
         yield CheckedInput("fault", read_fault, label("proxy.add.hint"))
-        with PlainVertical(id="message"):
+        with Vertical(id="message"):
             yield InkedText(id="intercepts")
             yield PacketView(id="packet")
             yield CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))
 
     def on_mount(self) -> None:
-        """Start to query the proxy."""
         if self._child is not None:
             self._child.subscribe_output(partial(self.call_in_screen, self.add_output))
             self._child.subscribe_end(partial(self.call_in_screen, self.show_end))
@@ -147,9 +145,6 @@ class ProxyScreen(ViewsScreen):
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the actions for rules only while the cursor is on a rule. Show the actions for held messages
-        only while the cursor is on a held message.
-        """
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
@@ -183,7 +178,6 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
-        """Send a control request to the proxy. When the proxy has carried out the request, call `done`."""
         try:
             with self._control_lock:
                 self._control_client.request(order, control.DoneResponse)
@@ -208,7 +202,6 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _show_lost_proxy(self, problem: str) -> None:
-        """Show why the proxy does not respond."""
         if self._has_ended:
             return
         if not self._problem:
@@ -224,8 +217,7 @@ class ProxyScreen(ViewsScreen):
             self._feed.report_source_problem(reason)
 
     def add_output(self, text: str) -> None:
-        """Add to the log a line that the proxy printed."""
-        self.query_one(ProxyLog).add_message(text)
+        self._messages.add_message(text)
         self.show_state()
 
     def show_end(self, last_line: str) -> None:
@@ -242,20 +234,7 @@ class ProxyScreen(ViewsScreen):
 
     # display
 
-    @property
-    def clients(self) -> ClientList:
-        return self.query_one(ClientList)
-
-    @property
-    def rules(self) -> RuleList:
-        return self.query_one(RuleList)
-
-    @property
-    def held(self) -> HeldList:
-        return self.query_one(HeldList)
-
     def show_state(self) -> None:
-        """Show the proxy's state, and the held message under the cursor."""
         key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
         held = 0 if self._has_ended else len(self.held.items)
         waiting = f" · {label('proxy.waiting', count=held)}" if held else ""
@@ -266,18 +245,14 @@ class ProxyScreen(ViewsScreen):
             self.query_one("#intercepts", InkedText).show_text(intercept_line(self._state.figures))
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
-        # lines that have not changed are left alone, because an update can cause a new layout
-        if lines != self._summary_lines:
-            self._summary_lines = lines
-            self.query_one("#summary", InkedText).show_text("\n".join(lines))
-        lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self.query_one(ProxyLog)]
+        self.query_one("#summary", InkedText).show_text("\n".join(lines))
+        lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self._messages]
         counts = {str(each.id): str(len(each.items) or "") for each in lists}
         self.query_one(ViewBar).show_counts(self.view, counts, ())
         self._show_message()
         self.refresh_bindings()
 
     def _show_message(self) -> None:
-        """Show the held message under the cursor, unless the screen already shows it."""
         held = self.held.current_item
         number = None if held is None else held.number
         if number != self._shown_message:
@@ -295,7 +270,6 @@ class ProxyScreen(ViewsScreen):
         self.query_one(PacketView).show_packet(frame, held.call_kind)
 
     def on_resize(self, event: Resize) -> None:
-        """Adapt the height of the message view to the height of the screen."""
         self.query_one("#message").styles.height = max(9, min(30, event.size.height // 2))
 
     @on(Lines.Moved)
@@ -304,12 +278,9 @@ class ProxyScreen(ViewsScreen):
             self._show_message()
 
     def show_view(self) -> None:
-        """Show the column header, and the widgets that belong to the visible list."""
         self.query_one("#fault-line").display = self.view == "rules"
         self.query_one("#message").display = self.view == "held"
-        shown = self.shown_list
-        head = shown.header() if isinstance(shown, ClientList | RuleList | HeldList) else ""
-        self.query_one("#head", Static).update(Text(head, no_wrap=True, overflow="crop"))
+        self.show_header()
 
     # rules
 
@@ -360,7 +331,7 @@ class ProxyScreen(ViewsScreen):
             self._send_order(decide(held.number), partial(self._decision_done, text))
 
     def _decision_done(self, text: str) -> None:
-        self.query_one(ProxyLog).add_message(text)
+        self._messages.add_message(text)
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:
@@ -390,7 +361,6 @@ class ProxyScreen(ViewsScreen):
 
     @on(CheckedInput.Typed, "#change-line")
     def _change_typed(self, message: CheckedInput.Typed) -> None:
-        """Show the edited message."""
         held, edited = self.held.current_item, message.parsed
         if held is not None:
             self._show_bytes(held, edited if isinstance(edited, bytes) else held.data)

@@ -104,14 +104,9 @@ class SlaveScreen(BaseScreen):
                     yield Select(
                         _MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode"
                     )
-                    yield Caption("tester.interval")
-                    yield Input("8", id="interval", classes="number")
-                    yield Caption("tester.speed")
-                    yield Input("1", id="speed", classes="number")
-                    yield Caption("tester.rounds")
-                    yield Input("1", id="rounds", classes="number")
-                    yield Caption("tester.index")
-                    yield Input("1", id="index", classes="number")
+                    for name, value in (("interval", "8"), ("speed", "1"), ("rounds", "1"), ("index", "1")):
+                        yield Caption(f"tester.{name}")
+                        yield Input(value, id=name, classes="number")
                 with Horizontal(classes="row"):
                     yield Caption("tester.limits")
                     yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
@@ -139,7 +134,6 @@ class SlaveScreen(BaseScreen):
         self._schedule_check()
 
     def _schedule_check(self) -> None:
-        """Schedule a check of the trajectory; the check runs later if the user goes on typing."""
         self._prepared = None
         self.query_one("#start", Button).disabled = True
         self._show_state("")
@@ -259,9 +253,7 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm. The player, which is a separate client, needs slave mode and
-        the arm.
-        """
+        """Leave slave mode and release the arm, because the player is another client, which needs both."""
         session = self._session
         try:
             if status.slave_mode:

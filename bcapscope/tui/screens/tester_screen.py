@@ -7,7 +7,7 @@ The widgets post the user's actions as messages. This screen carries out these a
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
@@ -17,11 +17,13 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.widget import Widget
 from textual.widgets import Button
 
-from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
 from bcapscope.live.controller.error_recovery import LastSlaveSession
-from bcapscope.live.controller.guided_connect import connect
+from bcapscope.live.controller.guided_connect import connect, start_robslave
 from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.live.controller.session_updates import (
@@ -32,7 +34,7 @@ from bcapscope.live.controller.session_updates import (
     SessionUpdate,
     WatchUpdate,
 )
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.render.escape import printable
 from bcapscope.simulator.profile import DEFAULT_PROFILE
 from bcapscope.traffic.observation import Observation
@@ -43,31 +45,26 @@ from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.controller_access.playback import PlayerSlot
 from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
+from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
-from bcapscope.tui.tester.call_runner import (
-    CallNotice,
-    CallRunner,
-    CallWanted,
-    ConnectWanted,
-    DisconnectWanted,
-    OpenWanted,
-    RawWanted,
-    RobSlaveWanted,
-    WatchWanted,
-)
-from bcapscope.tui.tester.connection_panel import ConnectionPanel, arming_facts, status_pieces
+from bcapscope.tui.tester.call_runner import CallNotice, CallWanted, function_step, repeating_step, run_armed
+from bcapscope.tui.tester.connection_panel import ConnectionPanel, ConnectWanted, arming_facts, status_pieces
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
-from bcapscope.tui.tester.form_tabs import FormTabs
-from bcapscope.tui.tester.form_widgets import Box
+from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.form_widgets import Box, ChoiceRow
 from bcapscope.tui.tester.object_panels import OpenObjectRow
-from bcapscope.tui.tester.packet_pane import PacketPane
+from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 from bcapscope.tui.tester.result_view import ResultView
 
 _EXECUTE_CONTROLLER = 17
+
+_PART_SELECTOR = "#left .box, #function, #raw, #right"
+_FOCUS_SELECTOR = "Input, HexView, Lines, Button"
+_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
+"""CSS selector of widgets that the navigation skips, because they precede the main widget of an area."""
 
 
 class TesterOptions(NamedTuple):
@@ -87,7 +84,7 @@ class TesterOptions(NamedTuple):
     tap: Callable[[Observation], None] = lambda seen: None
 
 
-class TesterScreen(TesterNavigation):
+class TesterScreen(BaseScreen):
     """Connects to a controller, makes calls, and shows their packets."""
 
     NAME = "tester.name.screen"
@@ -115,7 +112,6 @@ class TesterScreen(TesterNavigation):
             partial(self.call_in_screen, self._show_update), tester_options.log_folder, tester_options.tap
         )
         self.variable_watcher = VariableWatcher(self.session)
-        self.call_runner = CallRunner(self.session, self._ask_to_arm)
         self.player_slot = PlayerSlot()
         self.halt_update = HaltUpdate(HaltState.CLOSED)
         self._simulator_stack = ExitStack()
@@ -136,7 +132,6 @@ class TesterScreen(TesterNavigation):
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
-        """Register the HALT callbacks. If the options name no host, start the built-in simulator."""
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
@@ -197,7 +192,8 @@ class TesterScreen(TesterNavigation):
             self._is_connected = status.is_connected
             self.query_one(ConnectionPanel).show_status(status)
             self.refresh_bindings()
-        self.query_one(FormTabs).set_open_objects(status.open_objects)
+        for row in self.query(OpenObjectRow):
+            row.set_open_objects(status.open_objects)
         self._show_status()
 
     def _apply_halt_update(self, news: HaltUpdate) -> None:
@@ -266,10 +262,9 @@ class TesterScreen(TesterNavigation):
         panel.set_connecting(connecting)
         self.refresh_bindings()
 
-    @on(DisconnectWanted)
-    def _disconnect_wanted(self) -> None:
-        for group in ("call", "connect"):
-            self.workers.cancel_group(self, group)
+    @on(Button.Pressed, "#disconnect")
+    def action_disconnect(self) -> None:
+        self.action_cancel()
         self.run_worker(self._disconnect_controller(), group="disconnect")
 
     async def _disconnect_controller(self) -> None:
@@ -277,51 +272,44 @@ class TesterScreen(TesterNavigation):
         self.query_one(ConnectionPanel).show_status(self.session.status)
 
     @on(CallWanted)
-    def _make_call(self, message: CallWanted) -> None:
-        self.run_worker(self.call_runner.make_call(message), group="call")
+    def _start_calls(self, wanted: CallWanted) -> None:
+        self.run_worker(self._make_calls(wanted), group="call")
 
-    @on(RawWanted)
-    def _send_raw(self, message: RawWanted) -> None:
-        self.run_worker(self.call_runner.send_raw(message), group="call")
+    async def _make_calls(self, wanted: CallWanted) -> None:
+        """Run a step, and show its outcome. If the step needs arming, ask the user to arm first."""
+        display = wanted.result_display
+        display.show_pending()
+        try:
+            display.show_record(await run_armed(self.session, self._ask_to_arm, wanted.step))
+        except asyncio.CancelledError:
+            display.show_error(label("tester.cancelled"))
+            raise
+        except NotArmedError:
+            display.show_error(label("tester.not_armed"))
+        except (BcapError, OSError) as error:
+            display.show_error(error_text(error))
+        else:
+            wanted.done()
 
-    @on(RobSlaveWanted)
-    def _start_robslave(self, message: RobSlaveWanted) -> None:
-        self.run_worker(self.call_runner.run_robslave(message.result_display), group="call")
-
-    @on(OpenWanted)
-    def _open_wanted(self, message: OpenWanted) -> None:
-        self.run_worker(self._open_object(message), group="call")
-
-    async def _open_object(self, wanted: OpenWanted) -> None:
-        if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:
-            self.query_one(FormTabs).variable_opened(wanted.parent, wanted.name)
-
-    @on(WatchWanted)
-    def _add_watched(self, message: WatchWanted) -> None:
+    @on(WatchList.ChangeWanted)
+    def _change_watched(self, message: WatchList.ChangeWanted) -> None:
         self.query_one(PacketPane).show_view("watch")
-        self.run_worker(self.session.run_in_loop(self.variable_watcher.add(message.variable)), group="watch")
-
-    @on(WatchList.RemoveWanted)
-    def _remove_watched(self, message: WatchList.RemoveWanted) -> None:
-        self.run_worker(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), group="watch")
-
-    @on(WatchList.ResetWanted)
-    def _reset_watched(self) -> None:
-        self.run_worker(self.session.run_in_loop(self.variable_watcher.reset()), group="watch")
+        change = message.change(self.variable_watcher)
+        self.run_worker(self.session.run_in_loop(change), group="watch")
 
     @on(SavedList.RequestWanted)
     async def _use_saved_request(self, message: SavedList.RequestWanted) -> None:
         saved = message.saved
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
-            wanted = CallWanted(form.query_one(ResultView), saved.function, saved.values)
-            self.run_worker(self.call_runner.make_call(wanted), group="call")
+            step = function_step(saved.function, saved.values)
+            self._start_calls(CallWanted(form.query_one(ResultView), step))
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
         record = message.record
         if message.what == "again":
-            self.run_worker(self.call_runner.repeat_call(CallNotice(app_of(self)), record), group="call")
+            self._start_calls(CallWanted(CallNotice(app_of(self)), repeating_step(record)))
         elif message.what == "edit":
             await self.query_one(FormTabs).edit_call(record)
         else:
@@ -339,7 +327,6 @@ class TesterScreen(TesterNavigation):
     # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the action Connect or the action Disconnect, whichever button is enabled."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)
@@ -347,11 +334,8 @@ class TesterScreen(TesterNavigation):
     def action_connect(self) -> None:
         self.query_one(ConnectionPanel).request_connect()
 
-    def action_disconnect(self) -> None:
-        self._disconnect_wanted()
-
     def action_robslave(self) -> None:
-        self.run_worker(self.call_runner.run_robslave(CallNotice(app_of(self))), group="call")
+        self._start_calls(CallWanted(CallNotice(app_of(self)), start_robslave))
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:
@@ -363,7 +347,6 @@ class TesterScreen(TesterNavigation):
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, last.move_position, last.mode))
 
     def action_digits(self) -> None:
-        """Show all digits of all results, or five decimals if any result already shows all digits."""
         views = self.query(ResultView)
         full = not any(view.shows_all_digits for view in views)
         for view in views:
@@ -381,7 +364,6 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._ask_to_arm())
 
     async def _ask_to_arm(self) -> bool:
-        """Ask the user to arm the Tester; return whether the user armed it."""
         status = self.session.status
         if status.target is None:
             app_of(self).show_message(label("tester.not_connected"), "warning")
@@ -391,3 +373,44 @@ class TesterScreen(TesterNavigation):
         self.session.arming.arm(self.session.now())
         self._show_status()
         return True
+
+    # Navigation.
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield palette commands for tabs and views, because reaching one by keys takes several keys."""
+        for kind, names in (("tab", TABS), ("view", VIEWS)):
+            for name in names:
+                title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
+                yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
+
+    def action_part(self, by: int) -> None:
+        parts = list(self.query(_PART_SELECTOR))
+        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
+        for step in range(1, len(parts) + 1):
+            if self._focus_first_in(parts[(here + by * step) % len(parts)]):
+                return
+
+    def action_next_tab(self) -> None:
+        here = self.query_one("#tabs", ChoiceRow).chosen
+        self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
+
+    def action_next_view(self) -> None:
+        here = self.query_one("#view", ChoiceRow).chosen
+        self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
+
+    def action_tab(self, name: str) -> None:
+        self.query_one(FormTabs).show_tab(name)
+        self.call_after_refresh(self._focus_first_in, self.query_one("#panels"))
+
+    def action_view(self, name: str) -> None:
+        self.query_one(PacketPane).show_view(name)
+        self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
+
+    def _focus_first_in(self, part: Widget) -> bool:
+        """Focus the first usable widget in an area of the screen; return whether there is one."""
+        among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
+        shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
+        found = next((each for each in shown if each.focusable), None)
+        if found is not None:
+            found.focus()
+        return found is not None

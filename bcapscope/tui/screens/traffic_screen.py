@@ -63,9 +63,6 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show the actions for frames only if the visible list shows frames or calls. Show the action `stop`
-        only while a capture runs.
-        """
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
@@ -81,9 +78,7 @@ class TrafficScreen(TrafficViews):
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
-        """If the filter field has the focus, return to the list. If the list has the focus, remove the
-        filter.
-        """
+        """Return from the filter field to the list; from the list, remove the filter."""
         if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
             self.set_filter("")
         super().action_back()
@@ -106,9 +101,6 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """If the cursor is on a reply, select its request. If the cursor is on a request, select its
-        reply.
-        """
         number = self.frame_number
         if number is None:
             return
@@ -119,9 +111,7 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """From the list of frames, go to the list of calls and select the call of the frame under the cursor.
-        From the list of calls, go to the list of frames and select the frame under the cursor.
-        """
+        """Go from a frame to its call, or from a call to the frame under the cursor."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -138,9 +128,7 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """If the cursor is on a frame, select the finding that names the frame. If the cursor is on a
-        finding, select its cause.
-        """
+        """Go from a frame to the finding that names it, or from a finding to its cause."""
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()
@@ -163,9 +151,6 @@ class TrafficScreen(TrafficViews):
 
     @on(FindingPage.Chosen)
     def _line_chosen(self, message: Lines.Chosen) -> None:
-        """If a finding was chosen, go to the first frame that proves it. If a frame was chosen, go to its
-        fields.
-        """
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
             frames = () if number is None else self.analysis.findings[number - 1].frames
@@ -223,9 +208,7 @@ class TrafficScreen(TrafficViews):
             self._set_note(number, None if number in self.frames.marks else "")
 
     def _set_note(self, number: int, note: str | None) -> None:
-        """Mark a frame. `note` is the user's note, "" for a mark without a note, or None to remove the
-        mark.
-        """
+        """Mark a frame. `note` is "" for a mark without a note; None removes the mark."""
         self.frames.marks.pop(number, None)
         if note is not None:
             self.frames.marks[number] = note
@@ -318,7 +301,6 @@ class SimulatorScreen(TrafficScreen):
         app_of(self).status = ((f"{sign} {printable(self._address)} ", ink),)
 
     def _show_end(self, last_line: str) -> None:
-        """Report that the simulator has ended; its traffic remains on the screen."""
         reason = label("simulator.ended", reason=printable(last_line) or label("proxy.killed"))
         self.feed.stop_reading()
         self.feed.report_source_problem(reason)

@@ -11,8 +11,9 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
+from textual.containers import Vertical
 from textual.events import Resize
-from textual.widgets import Static
+from textual.widgets import ContentSwitcher, Static
 
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
@@ -36,9 +37,8 @@ from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines, TextList
 from bcapscope.tui.widgets.packet_view import PacketView
-from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
-from bcapscope.tui.widgets.text_widgets import CheckedInput
+from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views that list frames or calls, each with the kind of record that its filter tests."""
@@ -61,9 +61,9 @@ class TrafficViews(ViewsScreen):
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
         super().__init__()
+        self.frames, self.calls = FrameList(id="frames"), CallList(id="calls")
         self.clock = TimeFormat.RELATIVE
         self._generation = 0
-        self._header_text = ""
         self._set_feed(feed, title)
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:
@@ -82,14 +82,14 @@ class TrafficViews(ViewsScreen):
         yield CheckedInput(
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
         )
-        yield Static(id="head")
-        with Switcher(initial="frames", id="lists"):
-            yield FrameList(id="frames")
-            yield CallList(id="calls")
+        yield InkedText(id="head")
+        with ContentSwitcher(initial="frames", id="lists"):
+            yield self.frames
+            yield self.calls
             yield FindingPage(id="findings")
             yield TextList("traffic.empty.slave", id="slave")
             yield TextList("traffic.empty.statistics", id="statistics")
-        with PlainVertical(id="detail"):
+        with Vertical(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
 
@@ -112,7 +112,6 @@ class TrafficViews(ViewsScreen):
         self._close_feed()
 
     def _close_feed(self) -> None:
-        """Clear the lists that show the feed's data, and close the feed."""
         for target in (self.frames, self.calls):
             target.clear_source()
         self.feed.close()
@@ -144,8 +143,8 @@ class TrafficViews(ViewsScreen):
         ended_now = progress.ended and not feed.progress.ended
         feed.progress = progress
         if feed.open_journal() and feed.journal is not None and feed.calls is not None:
-            self.frames.open_journal(feed.journal, feed.is_live)
-            self.calls.open_calls(feed.calls, feed.is_live)
+            self.frames.open_source(feed.journal, feed.is_live)
+            self.calls.open_source(feed.calls, feed.is_live)
             feed.journal.refresh()
             feed.calls.refresh()
             self.update_line_format()
@@ -180,26 +179,13 @@ class TrafficViews(ViewsScreen):
 
     # display
 
-    @property
-    def frames(self) -> FrameList:
-        return self.query_one(FrameList)
-
-    @property
-    def calls(self) -> CallList:
-        return self.query_one(CallList)
-
     def update_line_format(self) -> None:
-        """Set the format of times in the lists, and show client names if there are several clients."""
         journal = self.feed.journal
         first = journal.time_of(1) if journal is not None and len(journal) else 0
         several = self.feed.progress.clients > 1
         self.frames.set_line_format(self.clock, several, first)
         self.calls.set_line_format(self.clock, several, first)
-        shown = self.shown_list
-        text = shown.header() if isinstance(shown, RecordList) else ""
-        if text != self._header_text:
-            self._header_text = text
-            self.query_one("#head", Static).update(Text(text), layout=False)
+        self.show_header()
 
     def show_state(self) -> None:
         journal, calls, brief = self.feed.journal, self.feed.calls, self.size.width < _NARROW_WIDTH
@@ -221,7 +207,6 @@ class TrafficViews(ViewsScreen):
 
     @on(Lines.Moved)
     def _list_moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor if the visible list reports a new cursor position."""
         if message.lines is self.shown_list:
             self._cursor_moved()
 
@@ -260,7 +245,6 @@ class TrafficViews(ViewsScreen):
         self._show_about(frame)
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
-        """Describe a frame, and mark the other frames of its call if the call is complete."""
         number = frame.observation.number
         settled = self.settled_at(number)
         self._unsettled_frame = frame if settled is None else None
@@ -307,9 +291,6 @@ class TrafficViews(ViewsScreen):
             self._search()
 
     def _search(self) -> None:
-        """Search for rows that match the view's filter expression. If there is no expression, show all
-        rows.
-        """
         target, expression = self.shown_list, self.expressions[self.view]
         if not isinstance(target, RecordList):
             return
@@ -362,9 +343,7 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief` is set, counts of at least 10,000 are rounded down, as in ``12k`` or
-    ``1.2M``.
-    """
+    """Return a count as text. If `brief` is set, round 10,000 and more down, as in ``12k`` or ``1.2M``."""
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

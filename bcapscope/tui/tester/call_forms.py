@@ -15,17 +15,17 @@ from textual.widgets import Button, Input, Label, Select
 
 from bcapscope.protocol.codec.frame import Frame, Problem, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.command_catalogue import commands_of, find_command
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_name
 from bcapscope.render.value_text import untyped_text
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label, reader_words, table_text
-from bcapscope.tui.tester.call_runner import CallWanted, RawWanted
+from bcapscope.tui.tester.call_runner import CallWanted, function_step
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import command_picker
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.typed_value import TypedValue, command_hint
+from bcapscope.tui.tester.typed_value import TypedValue, command_hint, type_numbers
 
 
 class CommandForm(Vertical):
@@ -57,24 +57,24 @@ class CommandForm(Vertical):
         The form restores the parameter that the user last sent with this command. If the user has not sent
         this command before, the form clears a parameter that was left from the last sent command.
         """
-        found = command_hint(self.function.id, message.value)
+        found = find_command(self.function.id, message.value.strip())
         if found is None:
             self.query_one(ResultView).show_hint("")
             return
-        typed = self.query_one(TypedValue)
+        typed, types = self.query_one(TypedValue), type_numbers(found.parameter_types)
         before = self._sent_parameters.get(message.value.strip().casefold())
         if before is not None:
             typed.fill_value(*before)
         elif typed.typed == self._last_parameter:
-            typed.fill_value(found.types[0] if found.types else typed.vt, "")
-        elif found.types:
-            typed.select_type(found.types[0])
-        self.query_one(ResultView).show_hint(found.text)
+            typed.fill_value(types[0] if types else typed.vt, "")
+        elif types:
+            typed.select_type(types[0])
+        self.query_one(ResultView).show_hint(command_hint(found))
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
-        found = command_hint(self.function.id, self.query_one(".command", Input).value)
-        hint = found.text if found else message.value.hint
+        found = find_command(self.function.id, self.query_one(".command", Input).value.strip())
+        hint = command_hint(found) if found else message.value.hint
         self.query_one(ResultView).show_check(message.problem, hint)
 
     @on(Input.Submitted, ".command")
@@ -98,16 +98,17 @@ class CommandForm(Vertical):
     def _execute(self) -> None:
         result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()
         parameter = self.query_one(TypedValue)
-        checked = parameter.checked_text
+        value = parameter.checked_value
         if not name:
             result.show_problem(label("tester.command.missing"))
-        elif checked.value is None:
-            result.show_problem(checked.problem)
+        elif isinstance(value, str):
+            result.show_problem(value)
         else:
             # an unknown command may be a typing error, so its parameter is not kept
-            if command_hint(self.function.id, name) is not None:
+            if find_command(self.function.id, name) is not None:
                 self._last_parameter = self._sent_parameters[name.casefold()] = parameter.typed
-            self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
+            step = function_step(self.function, (Variant(VT.BSTR, name), value))
+            self.post_message(CallWanted(result, step))
 
     def action_pick(self) -> None:
         def take(name: str | None) -> None:
@@ -127,9 +128,7 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A form with one row per argument, except the handle. The form reports invalid text while the user
-    types.
-    """
+    """A form with one row per argument except the handle. It checks the text while the user types."""
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -169,16 +168,14 @@ class FunctionForm(Vertical):
                 field.value = value.value
 
     def argument_values(self) -> tuple[Variant, ...] | str:
-        """Return the arguments without the handle, or a text that says what is wrong with the first invalid
-        argument.
-        """
+        """Return the arguments without the handle, or what is wrong with the first invalid argument."""
         found: list[Variant] = []
         for index, param in enumerate(self.params):
             field = self.query_one(f"#field{index}")
             if isinstance(field, TypedValue):
-                value, problem = field.checked_text
-                if value is None:
-                    return f"{param.name}: {problem}"
+                value = field.checked_value
+                if isinstance(value, str):
+                    return f"{param.name}: {value}"
                 found.append(value)
             elif isinstance(field, Select) and isinstance(field.value, int):
                 found.append(Variant(VT.I4, field.value))
@@ -196,11 +193,10 @@ class FunctionForm(Vertical):
         if isinstance(values, str):
             result.show_problem(values)
         else:
-            self.post_message(CallWanted(result, self.function, values))
+            self.post_message(CallWanted(result, function_step(self.function, values)))
 
 
 def select_named_value(texts: Mapping[int, str], id: str) -> Select[int]:
-    """Return a widget in which the user chooses a number. The widget shows the meaning of each number."""
     options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
     return Select(options, allow_blank=False, compact=True, id=id, classes="named")
 
@@ -210,23 +206,19 @@ class FunctionPanel(Vertical):
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._initial_function = initial_function
+        self._function = initial_function
 
     def compose(self) -> ComposeResult:
         with Horizontal(classes="row"):
             yield Caption("tester.function")
-            function = self._initial_function
-            yield Button(f"{function.id} {function.name} ▾", compact=True, id="choose-function")
-        yield FunctionForm(self._initial_function)
+            label_text = f"{self._function.id} {self._function.name} ▾"
+            yield Button(label_text, compact=True, id="choose-function")
+        yield FunctionForm(self._function)
 
     async def show_function(self, function: Function) -> FunctionForm:
-        button = self.query_one("#choose-function", Button)
-        button.label = f"{function.id} {function.name} ▾"
-        button.refresh(layout=True)  # its width follows its label
-        await self.query_one(FunctionForm).remove()
-        form = FunctionForm(function)
-        await self.mount(form)
-        return form
+        self._function = function
+        await self.recompose()
+        return self.query_one(FunctionForm)
 
 
 MAX_DATAGRAM = 65_507
@@ -285,7 +277,7 @@ class RawForm(Vertical):
         if isinstance(raw, str):
             result.show_problem(raw)
         else:
-            self.post_message(RawWanted(result, raw))
+            self.post_message(CallWanted(result, lambda session: session.send_raw(raw)))
 
 
 def _frame_text(item: object) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 from textual import on
@@ -20,7 +21,7 @@ from bcapscope.render.text_charts import sparkline
 from bcapscope.render.value_text import variant_values_text
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
 from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
-from bcapscope.tui.controller_access.watched_variables import WatchedVariable, WatchSeries
+from bcapscope.tui.controller_access.watched_variables import VariableWatcher, WatchedVariable, WatchSeries
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import ItemList, Lines
@@ -37,8 +38,6 @@ Beyond this size, a tenth of the calls is dropped, but never the latest call.
 
 
 class HistoryLines(ItemList[HistoryRecord]):
-    """A list of the calls that match the filter; the latest call is the last line."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "want('again')", "tester.again"),
         Binding("e", "want('edit')", "tester.edit"),
@@ -68,12 +67,6 @@ class HistoryLines(ItemList[HistoryRecord]):
 
 class HistoryPanel(Vertical):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("slash", "filter", "traffic.filter", key_display="/")]
-
-    @dataclass
-    class RecordSelected(Message):
-        """The cursor moved to a call. The screen then shows the packets of this call."""
-
-        record: HistoryRecord
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -114,12 +107,6 @@ class HistoryPanel(Vertical):
     def _focus_list(self) -> None:
         self.query_one(HistoryLines).focus()
 
-    @on(Lines.Moved)
-    def _cursor_moved(self) -> None:
-        lines = self.query_one(HistoryLines)
-        if lines.current_item is not None and lines.has_focus:
-            self.post_message(self.RecordSelected(lines.current_item))
-
     @on(Lines.Chosen)
     def _edit_chosen(self) -> None:
         self.query_one(HistoryLines).action_want("edit")
@@ -131,8 +118,6 @@ class HistoryPanel(Vertical):
 
 
 class ColumnWidths(NamedTuple):
-    """Widths of the columns in a list, in characters."""
-
     name: int
     number: int
     sparkline: int
@@ -141,42 +126,27 @@ class ColumnWidths(NamedTuple):
 WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
 
 
-class WatchList(Lines):
+class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
+    """Shows watched variables below a line with column titles. Each element of an array has its own line."""
+
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("delete", "remove", "tester.unwatch"),
         Binding("0", "reset", "tester.watch.reset"),
     ]
 
     @dataclass
-    class RemoveWanted(Message):
-        handle: int
+    class ChangeWanted(Message):
+        """The user wants to watch a variable, to stop watching it, or to reset minimum and maximum values."""
 
-    class ResetWanted(Message):
-        """The user wants to reset the minimum and maximum values of the watched variables."""
-
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._rows: list[tuple[WatchedVariable | None, int]] = []
-
-    @property
-    def count(self) -> int:
-        return len(self._rows)
+        change: Callable[[VariableWatcher], Coroutine[Any, Any, None]]
 
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
-        rows: list[tuple[WatchedVariable | None, int]] = [(None, 0)]
-        for each in watched:
-            rows += [(each, index) for index in range(max(1, len(each.series)))]
-        if not watched:
-            rows = []
-        if len(rows) != len(self._rows):
-            self._rows = rows
-            self.reset_lines(min(self.cursor, len(rows) - 1))
-        else:
-            self._rows = rows
-            self.repaint()
+        rows = [(each, index) for each in watched for index in range(max(1, len(each.series)))]
+        self.show_items([(None, 0), *rows] if rows else [])
+        self.repaint()  # the readings of the same variables may have changed
 
-    def line(self, index: int) -> str:
-        watched, at = self._rows[index]
+    def item_line(self, item: tuple[WatchedVariable | None, int]) -> str:
+        watched, at = item
         if watched is None:
             return _title_row(self._widths)
         index_text = f" [{at}]" if len(watched.series) > 1 else ""
@@ -199,13 +169,12 @@ class WatchList(Lines):
         self.repaint()
 
     def action_remove(self) -> None:
-        """Stop watching the variable."""
-        watched = self._rows[self.cursor][0] if self._rows else None
+        watched = self.current_item[0] if self.current_item else None
         if watched is not None:
-            self.post_message(self.RemoveWanted(watched.handle))
+            self.post_message(self.ChangeWanted(lambda watcher: watcher.remove(watched.handle)))
 
     def action_reset(self) -> None:
-        self.post_message(self.ResetWanted())
+        self.post_message(self.ChangeWanted(VariableWatcher.reset))
 
 
 def _title_row(widths: ColumnWidths) -> str:
@@ -240,9 +209,7 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request. If `edit` is set, the user wants to edit the request in a
-        form before sending.
-        """
+        """The user wants to send a saved request; if `edit` is set, after editing it in a form."""
 
         saved: SavedRequest
         edit: bool

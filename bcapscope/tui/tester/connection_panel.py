@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
+from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
@@ -21,19 +24,25 @@ from bcapscope.tui.controller_access.call_history import reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.tester.call_runner import ConnectWanted, DisconnectWanted
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.widgets.text_widgets import InkedText
 
-DEFAULT_PORT = 5007
 _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
+
+
+@dataclass
+class ConnectWanted(Message):
+    host: str
+    port: int
+    tcp: bool
+    option: str
 
 
 class ConnectionPanel(Vertical):
     """The fields of a connection; Enter in any of these fields connects."""
 
-    def __init__(self, host: str, port: int, tcp: bool, option: str, *, id: str | None = None) -> None:
-        super().__init__(id=id)
+    def __init__(self, host: str, port: int, tcp: bool, option: str) -> None:
+        super().__init__()
         self._initial_fields = (host, port, tcp, option)
         self._steps: dict[ConnectStep, ConnectStepUpdate] = {}
         self._problem = ""
@@ -66,7 +75,6 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def fill_address(self, host: str, port: int) -> None:
-        """Fill in the address; connect if the user has already asked to connect."""
         self.query_one("#host", Input).value = host
         self.query_one("#port", Input).value = str(port)
         self._is_address_pending = False
@@ -75,9 +83,7 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def wanted_connection(self) -> ConnectWanted | str:
-        """Return the connection that the fields describe, or a text that says what is wrong with the
-        fields.
-        """
+        """Return the connection that the fields describe, or a text that says what is wrong with them."""
         host, port = split_host_port(self.query_one("#host", Input).value.strip())
         port = port or self.query_one("#port", Input).value.strip()  # "host:5007" takes precedence
         tcp = not self.query_one("#udp", TickBox).value
@@ -149,7 +155,6 @@ class ConnectionPanel(Vertical):
     @on(Button.Pressed, "#connect")
     @on(Input.Submitted)
     def request_connect(self) -> None:
-        """Request the connection, or show what is wrong with the text in the fields."""
         if self._is_address_pending:
             self._is_connect_pending = True
             return
@@ -161,10 +166,6 @@ class ConnectionPanel(Vertical):
             self.query_one("#host", Input).value = wanted.host
             self.query_one("#port", Input).value = str(wanted.port)
             self.post_message(wanted)
-
-    @on(Button.Pressed, "#disconnect")
-    def _disconnect(self) -> None:
-        self.post_message(DisconnectWanted())
 
 
 StatusPiece = tuple[str, str]

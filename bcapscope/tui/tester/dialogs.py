@@ -62,9 +62,7 @@ class ChoiceDialog(ModalScreen[str | None]):
 
 
 class ArmDialog(ChoiceDialog):
-    """Asks the user to arm. The result is ``yes`` or ``no``. The facts in the dialog say which robot could
-    move.
-    """
+    """Asks the user to arm. The result is ``yes`` or ``no``. The facts say which robot could move."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
     LABELS = "tester.arm"
@@ -149,7 +147,7 @@ class RecoveryDialog(ModalScreen[None]):
             record = await run_armed(
                 self._session,
                 self._ask_to_arm,
-                lambda: run_recovery_step(self._session, step_wanted, first, mode),
+                lambda session: run_recovery_step(session, step_wanted, first, mode),
             )
         except NotArmedError:
             self._show_step(step_wanted, False, label("tester.not_armed"))

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.widgets import Button, ContentSwitcher
 
-from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.tui.app import app_of
 from bcapscope.tui.tester.call_forms import FunctionForm, FunctionPanel, RawForm
 from bcapscope.tui.tester.form_widgets import ChoiceRow
-from bcapscope.tui.tester.object_panels import OpenObjectRow, RobotPanel, TaskPanel, VariablePanel
+from bcapscope.tui.tester.object_panels import RobotPanel, TaskPanel, VariablePanel
 from bcapscope.tui.tester.pickers import function_picker
 
 TABS = ("robot", "variable", "task", "function", "raw")
@@ -26,8 +23,8 @@ TABS = ("robot", "variable", "task", "function", "raw")
 class FormTabs(Vertical):
     """Shows one tab at a time, and fills the forms in the tabs with earlier calls."""
 
-    def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
-        super().__init__(id=id)
+    def __init__(self, initial_function: Function) -> None:
+        super().__init__()
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
@@ -38,14 +35,6 @@ class FormTabs(Vertical):
             yield TaskPanel(id="task")
             yield FunctionPanel(self._initial_function, id="function")
             yield RawForm(id="raw")
-
-    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        for row in self.query(OpenObjectRow):
-            row.set_open_objects(open_objects)
-
-    def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        for panel in self.query(VariablePanel):
-            panel.variable_opened(owner, name)
 
     def show_tab(self, tab: str) -> None:
         self.query_one("#tabs", ChoiceRow).chosen = tab

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from textual import on
 from textual.app import ComposeResult
@@ -11,6 +12,7 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.live.controller.guided_connect import start_robslave
 from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.enumerations import TASK_START_MODES, TASK_STOP_MODES
@@ -19,13 +21,8 @@ from bcapscope.protocol.tables.variables import VARIABLES, find_variable
 from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.call_forms import CommandForm, FunctionForm, select_named_value
-from bcapscope.tui.tester.call_runner import (
-    CallWanted,
-    OpenWanted,
-    ResultDisplay,
-    RobSlaveWanted,
-    WatchWanted,
-)
+from bcapscope.tui.tester.call_lists import WatchList
+from bcapscope.tui.tester.call_runner import CallWanted, function_step, opening_step
 from bcapscope.tui.tester.form_widgets import Box, Caption, ChoiceRow, FormButton
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_numbers
@@ -38,19 +35,20 @@ class OpenObjectRow(Horizontal):
         kind: ObjectClass,
         name: str,
         known: Sequence[str],
-        result_display: ResultDisplay,
+        result: ResultView,
         *,
-        id: str | None = None,
+        on_opened: Callable[[str], object] = lambda name: None,
     ) -> None:
         """`kind` is the class of the objects that the user opens. `parent` is the class of the objects that
-        own them.
+        own them. The row calls `on_opened` with the name of each object that the user opened.
         """
-        super().__init__(id=id, classes="row")
+        super().__init__(classes="row")
         self._parent_kind = parent
         self._kind = kind
         self._initial_name = name
-        self._known = list(known)
-        self._result_display = result_display
+        self._known = known
+        self._result = result
+        self._on_opened = on_opened
         self._open_objects: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
@@ -70,36 +68,33 @@ class OpenObjectRow(Horizontal):
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
-    def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
-        """Return the most recently opened object with the name in the field. If `owner` is given, the parent
-        of the object must have the class `owner`.
+    def find_open(self, missing: str) -> ObjectHandle | None:
+        """Return the most recently opened object with the name in the field; if there is none, show the text
+        `missing`.
         """
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
-            is_owned = owner is None or (each.parent is not None and each.parent.kind is owner)
+            is_owned = each.parent is not None and each.parent.kind is self._parent_kind
             if is_owned and each.label.casefold() == name:
                 return each
+        self._result.show_error(missing)
         return None
 
     @on(Button.Pressed, ".add")
     @on(Input.Submitted)
     def _add(self) -> None:
-        if not self.object_name:
-            self._result_display.show_error(label("tester.name.missing"))
+        name = self.object_name
+        if not name:
+            self._result.show_error(label("tester.name.missing"))
             return
-        option = self.query_one(".option", Input).value
-        self.post_message(
-            OpenWanted(self._result_display, self._parent_kind, self._kind, self.object_name, option)
-        )
+        step = opening_step(self._parent_kind, self._kind, name, self.query_one(".option", Input).value)
+        self.post_message(CallWanted(self._result, step, partial(self._on_opened, name)))
 
     @on(Button.Pressed, ".release")
     def _release(self) -> None:
-        found = self.find_open()
-        if found is None:
-            text = label("tester.release.missing", name=printable(self.object_name))
-            self._result_display.show_error(text)
-        else:
-            self.post_message(CallWanted(self._result_display, RELEASES[self._kind], (), found))
+        found = self.find_open(label("tester.release.missing", name=printable(self.object_name)))
+        if found is not None:
+            self.post_message(CallWanted(self._result, function_step(RELEASES[self._kind], (), found)))
 
 
 _ROBOT_EXECUTE, _ROBOT_CHANGE, _ROBOT_MOVE = 64, 66, 72
@@ -122,7 +117,9 @@ class VariablePanel(Box):
         result = ResultView()
         known = (each for each in VARIABLES if each.owner is self._owner)
         names = [f"{each.name}1" if each.is_numbered else each.name for each in known]
-        yield OpenObjectRow(self._owner, ObjectClass.VARIABLE, self._initial_name, names, result)
+        yield OpenObjectRow(
+            self._owner, ObjectClass.VARIABLE, self._initial_name, names, result, on_opened=self._select_type
+        )
         with Horizontal(classes="row"):
             yield Caption("tester.value")
             yield TypedValue(VT.I4)
@@ -142,40 +139,31 @@ class VariablePanel(Box):
     @on(Button.Pressed, ".put")
     @on(TypedValue.Submitted)
     def _put_value(self) -> None:
-        checked = self.query_one(TypedValue).checked_text
-        if checked.value is None:
-            self.query_one(ResultView).show_problem(checked.problem)
+        value = self.query_one(TypedValue).checked_value
+        if isinstance(value, str):
+            self.query_one(ResultView).show_problem(value)
         else:
-            self._post_call(_VARIABLE_PUT, checked.value)
+            self._post_call(_VARIABLE_PUT, value)
 
     def _post_call(self, function_id: int, *values: Variant) -> None:
-        found = self._require_variable()
+        found = self.query_one(OpenObjectRow).find_open(label("tester.variable.missing"))
         if found is not None:
-            self.post_message(CallWanted(self.query_one(ResultView), FUNCTIONS[function_id], values, found))
+            step = function_step(FUNCTIONS[function_id], values, found)
+            self.post_message(CallWanted(self.query_one(ResultView), step))
 
     @on(Button.Pressed, ".watch")
     def _request_watch(self) -> None:
-        found = self._require_variable()
+        found = self.query_one(OpenObjectRow).find_open(label("tester.variable.missing"))
         if found is not None:
-            self.post_message(WatchWanted(found))
+            self.post_message(WatchList.ChangeWanted(lambda watcher: watcher.add(found)))
 
-    def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Select the type of a newly opened variable in this form, if the type is known and the form shows
-        the variable.
-        """
-        if owner is not self._owner:
-            return
+    def _select_type(self, name: str) -> None:
+        """Select the type of a newly opened variable, if the type is known."""
         known = find_variable(self._owner, name)
         types = type_numbers(known.types) if known else ()
         if types:
             with self.prevent(TypedValue.Changed):
                 self.query_one(TypedValue).select_type(types[0])
-
-    def _require_variable(self) -> ObjectHandle | None:
-        found = self.query_one(OpenObjectRow).find_open(self._owner)
-        if found is None:
-            self.query_one(ResultView).show_error(label("tester.variable.missing"))
-        return found
 
 
 class RobotPanel(VerticalScroll, can_focus=False):
@@ -239,15 +227,14 @@ class TaskPanel(VerticalScroll, can_focus=False):
 
     @on(Button.Pressed, "#robslave")
     def _start_robslave(self) -> None:
-        self.post_message(RobSlaveWanted(self.query_one("#task-result", ResultView)))
+        self.post_message(CallWanted(self.query_one("#task-result", ResultView), start_robslave))
 
     def _selected_mode(self, name: str) -> int:
         value = self.query_one(f"#{name}", Select).value
         return value if isinstance(value, int) else 0
 
     def _post_call(self, function_id: int, *values: Variant) -> None:
-        result, found = self.query_one("#task-result", ResultView), self.query_one(OpenObjectRow).find_open()
-        if found is None:
-            result.show_error(label("tester.task.missing"))
-        else:
-            self.post_message(CallWanted(result, FUNCTIONS[function_id], values, found))
+        found = self.query_one(OpenObjectRow).find_open(label("tester.task.missing"))
+        if found is not None:
+            step = function_step(FUNCTIONS[function_id], values, found)
+            self.post_message(CallWanted(self.query_one("#task-result", ResultView), step))

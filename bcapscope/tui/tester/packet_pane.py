@@ -26,6 +26,7 @@ from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import Prompt
 from bcapscope.tui.tester.call_lists import HistoryLines, HistoryPanel, SavedList, WatchList
 from bcapscope.tui.tester.form_widgets import ChoiceRow, FormButton, TickBox
+from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.text_widgets import InkedText
 
@@ -69,9 +70,7 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], call_kind: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Add packets; show the first new packet if `show_first` is set, or the last new packet if it is
-        not.
-        """
+        """Add packets, and show the first (`show_first`) or the last of them."""
         if overwrite:
             self._packets = []
         self._packets += [(seen, call_kind) for seen in packets]
@@ -151,7 +150,6 @@ class PacketPane(Vertical):
         self._switch_view(view)
 
     def _show_attempts(self, record: HistoryRecord) -> None:
-        """Show the outcome of each attempt, if the call had retries, notices or late replies."""
         lines = []
         if record.retries or record.notices or record.late_replies:
             attempts = record.attempts
@@ -203,9 +201,11 @@ class PacketPane(Vertical):
         first = call_name(record.function_id, record.arguments)
         self.app.push_screen(Prompt(label("tester.save"), "", printable(first)), take)
 
-    @on(HistoryPanel.RecordSelected)
-    def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:
-        self.show_record(message.record)
+    @on(Lines.Moved)
+    def _show_selected_record(self, message: Lines.Moved) -> None:
+        lines = message.lines
+        if isinstance(lines, HistoryLines) and lines.current_item is not None and lines.has_focus:
+            self.show_record(lines.current_item)
 
     @on(Button.Pressed, "#clear")
     def _clear_packets(self) -> None:

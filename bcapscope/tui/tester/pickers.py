@@ -26,9 +26,7 @@ _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A dialog with a list and a field. The list shows only the entries that contain the words in the
-    field.
-    """
+    """A dialog with a list and a field. The list shows only the entries with the words in the field."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -82,7 +80,6 @@ class ListPicker(ModalScreen[str | None]):
 
 
 def command_picker(function_id: int, styles: Styles) -> ListPicker:
-    """Return a dialog to choose a command of one ..._Execute function."""
     return ListPicker(
         label("tester.catalogue", name=FUNCTIONS[function_id].name),
         (
@@ -104,7 +101,6 @@ def _command_text(command: CommandSpec, styles: Styles) -> Text:
 
 
 def function_picker(styles: Styles) -> ListPicker:
-    """Return a dialog to choose a function of b-CAP."""
     entries = []
     for each in FUNCTIONS.values():
         text = Text.assemble(
@@ -117,8 +113,6 @@ def function_picker(styles: Styles) -> ListPicker:
 
 
 class FilePicker(ModalScreen[str | None]):
-    """Shows recent files above a tree of folders."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
         Binding("backspace", "up", "", show=False),

@@ -36,32 +36,29 @@ class ResultView(InkedText, can_focus=True):
         self.shows_all_digits = False
         self.text = ""
 
-    def show_pending(self) -> None:
-        self.record = None
-        self._show_line(f"{INK.dim}{label('tester.waiting')}{INK.reset}")
-
     def show_record(self, record: HistoryRecord) -> None:
         self.record = record
         self._show_line(_record_text(record, self.shows_all_digits))
         self._scroll_into_view()
 
+    def show_pending(self) -> None:
+        self._show_text(label("tester.waiting"), INK.dim)
+
     def show_error(self, reason: str) -> None:
-        self.record = None
-        self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
+        self._show_text(reason, INK.bad)
         self._scroll_into_view()
 
     def show_hint(self, text: str) -> None:
-        self.record = None
-        self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
+        self._show_text(text, INK.dim)
 
     def show_problem(self, text: str) -> None:
+        self._show_text(text, INK.problem)
+
+    def _show_text(self, text: str, ink: str) -> None:
         self.record = None
-        self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
+        self._show_line(f"{ink}{printable(text)}{INK.reset}" if text else "")
 
     def show_check(self, problem: str, hint: str) -> None:
-        """Show what is wrong with an invalid input. If the input is valid, show a hint on the expected
-        input.
-        """
         if problem:
             self.show_problem(problem)
         else:
@@ -80,8 +77,6 @@ class ResultView(InkedText, can_focus=True):
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
-        if line == self.text:
-            return
         self.text = line
         self.set_class(not line, "-empty")
         head = f"{INK.name}{label('tester.result')}{INK.reset}  " if self.record is not None else ""
@@ -115,7 +110,6 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
 
 
 def _value_meaning(record: HistoryRecord) -> str:
-    """Return the meaning of the number in a call's reply; "" if the number has no special meaning."""
     arguments = record.reply.arguments if record.reply is not None else ()
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)

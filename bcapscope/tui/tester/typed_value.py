@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from textual import on
 from textual.app import ComposeResult
@@ -16,7 +15,7 @@ from textual.widgets import Input, Select
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.codec.variant_notation import parse_variant
-from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
+from bcapscope.protocol.tables.command_catalogue import CommandSpec
 from bcapscope.render.value_text import type_word
 from bcapscope.tui.reader_language import full_error_text, label, table_text
 
@@ -41,24 +40,15 @@ def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
     return tuple(_BY_NAME[name] for name in names if name in _BY_NAME)
 
 
-class CheckedText(NamedTuple):
-    """The result of parsing the text of a parameter.
-
-    Attributes:
-        value: Value of the text; None if the text does not fit the type.
-        problem: Text that tells the user which input is expected; "" if the input is valid.
+def check_text(vt: int, text: str) -> Variant | str:
+    """Return the value of a text; if the text does not fit the type, return a text that tells the user which
+    input is expected.
     """
-
-    value: Variant | None
-    problem: str
-
-
-def check_text(vt: int, text: str) -> CheckedText:
     typed = text if vt == VT.BSTR else text.strip()
     try:
-        return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
+        return parse_variant(f"{type_word(vt)}:{typed}")
     except ValueError as error:
-        return CheckedText(None, f"{full_error_text(error)}; {expected_input(vt)}")
+        return f"{full_error_text(error)}; {expected_input(vt)}"
 
 
 def expected_input(vt: int) -> str:
@@ -70,24 +60,7 @@ def expected_input(vt: int) -> str:
     return label("controller.expected.several" if several else "controller.expected", what=what)
 
 
-class CommandHint(NamedTuple):
-    """Hint on a command: the types of its parameter, the usual type first, and a text that explains the
-    command.
-    """
-
-    types: tuple[int, ...]
-    text: str
-
-
-def command_hint(function_id: int, name: str) -> CommandHint | None:
-    """Return the hint on the command with the given name; None if the command is unknown."""
-    known = find_command(function_id, name.strip())
-    if known is None:
-        return None
-    return CommandHint(type_numbers(known.parameter_types), _hint_text(known))
-
-
-def _hint_text(known: CommandSpec) -> str:
+def command_hint(known: CommandSpec) -> str:
     parts = [table_text(known.text)]
     if known.elements:
         parts.append(label("controller.command.parameter", elements=table_text(known.elements)))
@@ -101,9 +74,7 @@ def _hint_text(known: CommandSpec) -> str:
 
 
 class TypedValue(Horizontal):
-    """A list of types and an input field. The widget reports an error if the text does not fit the chosen
-    type.
-    """
+    """A list of types, and an input field that reports a text that does not fit the chosen type."""
 
     @dataclass
     class Changed(Message):
@@ -147,8 +118,9 @@ class TypedValue(Horizontal):
         return not text and vt not in (VT.EMPTY, VT.NULL, VT.BSTR)
 
     @property
-    def checked_text(self) -> CheckedText:
-        return check_text(self.vt, self.query_one(Input).value)
+    def checked_value(self) -> Variant | str:
+        """The value, or a text that says why the field is invalid."""
+        return check_text(*self.typed)
 
     def select_type(self, vt: int) -> None:
         if vt in self._types:
@@ -166,7 +138,8 @@ class TypedValue(Horizontal):
     @on(Input.Changed)
     @on(Select.Changed)
     def _check_input(self) -> None:
-        problem = self.checked_text.problem if self.query_one(Input).value else ""
+        checked = self.checked_value if self.query_one(Input).value else ""
+        problem = checked if isinstance(checked, str) else ""
         self.query_one(Input).set_class(bool(problem), "-invalid")
         if self.has_focus_within:
             self.post_message(self.Changed(self, problem))

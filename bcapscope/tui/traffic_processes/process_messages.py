@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import io
 import os
-import struct
+import signal
 import sys
 from collections.abc import Iterator
 from typing import BinaryIO, TypeVar
@@ -20,7 +20,6 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.capture_point import CapturePoint
 
 _NICE = 5
-_LENGTH_PREFIX = struct.Struct("<I")
 T = TypeVar("T")
 
 STOP_READING = b"."
@@ -163,29 +162,19 @@ def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
     Raises:
         OSError: The process that reads the pipe has gone.
     """
-    data = msgspec.msgpack.encode(message)
-    write_all(stream, _LENGTH_PREFIX.pack(len(data)) + data)
+    write_all(stream, msgspec.json.encode(message) + b"\n")
     stream.flush()
 
 
 def receive_messages(stream: BinaryIO | io.RawIOBase, kind: type[T]) -> Iterator[T]:
     """Yield messages from a pipe until it is closed."""
-    decoder = msgspec.msgpack.Decoder(kind)
-    while len(head := _read_exactly(stream, _LENGTH_PREFIX.size)) == _LENGTH_PREFIX.size:
-        data = _read_exactly(stream, *_LENGTH_PREFIX.unpack(head))
-        yield decoder.decode(data)
+    decoder = msgspec.json.Decoder(kind)
+    while (line := stream.readline()).endswith(b"\n"):
+        yield decoder.decode(line)
 
 
-def lower_priority() -> None:
+def begin_process() -> None:
+    """Lower the priority of this process, and ignore Ctrl-C, because the screen uses Ctrl-C as a key."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "win32":
         os.nice(_NICE)
-
-
-def _read_exactly(stream: BinaryIO | io.RawIOBase, size: int) -> bytes:
-    """Read `size` bytes, or fewer at the end of the stream. Several reads may be necessary, because a pipe
-    can return fewer bytes.
-    """
-    data = b""
-    while len(data) < size and (more := stream.read(size - len(data))):
-        data += more
-    return data

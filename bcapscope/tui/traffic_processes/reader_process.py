@@ -11,7 +11,6 @@ from __future__ import annotations
 import gc
 import io
 import os
-import signal
 import sys
 import threading
 import time
@@ -37,7 +36,7 @@ from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
-    lower_priority,
+    begin_process,
     problem_text,
     receive_messages,
     send_message,
@@ -79,7 +78,6 @@ class TrafficReader:
         self._last_capture_time = self._last_capture_seen_at = 0
 
     def run(self) -> None:
-        """Read to the end of the source, or until `cancelled` is set."""
         with closing(self._publisher):
             try:
                 self._read()
@@ -194,9 +192,7 @@ class _LiveCapture:
 
 
 def main() -> None:
-    # Ctrl-C must not end this process, because the screen uses Ctrl-C as a key
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    lower_priority()
+    begin_process()
     # sys.stdin is not used, because the reading thread would still hold its lock at the end
     stdin = io.FileIO(0, closefd=False)
     job = next(receive_messages(stdin, ReadJob), None)

@@ -22,10 +22,6 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Diagnosis and statistics of traffic. `subscribers` receive the traffic, and `snapshot` returns the
-    analysis.
-    """
-
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._words = words
         self._session_lines: list[str] = []

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import os
-import signal
 import sys
 import threading
 import time
@@ -29,7 +28,7 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS
 from bcapscope.tui.traffic_processes.process_messages import (
     SearchMatches,
     SearchRequest,
-    lower_priority,
+    begin_process,
     receive_messages,
     send_message,
 )
@@ -47,7 +46,6 @@ class TrafficSearch:
     """Runs one search at a time, always for the latest request."""
 
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
-        """Open the journal in `folder`; write matches to `answers`."""
         self._answers = answers
         self._journal = ObservationStore(folder)
         self._calls = CallStore(folder, self._journal)
@@ -65,9 +63,7 @@ class TrafficSearch:
             request = self._answer_request(request) if request.expression else self.requests.get()
 
     def _answer_request(self, request: SearchRequest) -> SearchRequest:
-        """Search the existing rows first, and then new rows. Stop when the next request arrives, and return
-        that request.
-        """
+        """Search the existing rows, then new rows, until the next request arrives; return that request."""
         is_frame = request.kind == RecordKind.FRAME
         fits, count_rows = self._frame_search(request) if is_frame else self._call_search(request)
         rows, searched, reported, reported_at = array("I"), 0, 0.0, -1
@@ -104,9 +100,7 @@ class TrafficSearch:
 
 
 def main() -> None:
-    # Ctrl-C must not end this process, because the screen uses Ctrl-C as a key
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    lower_priority()
+    begin_process()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
     requests = io.FileIO(0, closefd=False)
     threading.Thread(target=searching.read_requests, args=(requests,), daemon=True, name="requests").start()

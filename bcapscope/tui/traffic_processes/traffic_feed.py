@@ -35,9 +35,7 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A report that the source may send no more traffic. `reason` says why no more traffic may come; "" if
-    the problem is over.
-    """
+    """A report why the source may send no more traffic; "" if the problem is over."""
 
     reason: str
 
@@ -79,7 +77,7 @@ class TrafficFeed:
         self.progress = ReadProgress()
         self.is_closed = False
         self._listener: FeedListener | None = None
-        self._undelivered: list[FeedUpdate] = []
+        self._undelivered: dict[type, FeedUpdate] = {}
         self._lock = threading.Lock()
         self._errors = (Path(self.job.folder) / "errors").open("w+b")
         self._reader: subprocess.Popen[bytes] | None = None
@@ -112,25 +110,22 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """Path of the capture file; ``live.pcapng`` for a temporary capture. The screen derives names for
-        new files from this path.
-        """
+        """Path for proposals of new file names; ``live.pcapng`` for a temporary capture."""
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass earlier updates to `listener` immediately, and all later updates from another thread."""
+        """Pass the latest earlier update of each kind to `listener` immediately, and all later updates from
+        another thread.
+        """
         with self._lock:
             self._listener = listener
-            waiting, self._undelivered = self._undelivered, []
-        for message in waiting:
+        for message in self._undelivered.values():
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the journal and the call store. Return False if the files of the journal and the call store do
-        not exist yet.
-        """
+        """Open the journal and the call store; return False if their files do not exist yet."""
         if self.journal is None:
             folder = Path(self.job.folder)
             try:
@@ -161,14 +156,13 @@ class TrafficFeed:
         with self._lock:
             listener = self._listener
             if listener is None:
-                self._undelivered.append(message)
+                self._undelivered.pop(type(message), None)  # the new update goes to the end
+                self._undelivered[type(message)] = message
         if listener is not None:
             listener(message)
 
     def search(self, kind: str, expression: str) -> int:
-        """Start a search for the rows that match `expression`, and return the number of the search. If
-        `expression` is "", end the current search.
-        """
+        """Start a search, and return its number. An empty expression ends the current search."""
         self._generation += 1
         request = SearchRequest(self._generation, kind, expression)
         if self._searcher is not None and self._searcher.poll() is not None:
@@ -189,9 +183,7 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Return a job that saves all packets read so far in a new file. `notes` maps packet numbers to
-        notes.
-        """
+        """Return a job that saves the packets read so far. `notes` maps packet numbers to notes."""
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet
@@ -255,8 +247,6 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    """Return the pipe of a process. The pipe is never None, because bcapscope starts each process with
-    pipes.
-    """
+    """Return the pipe of a process. It is never None, because bcapscope starts each process with pipes."""
     assert stream is not None
     return stream

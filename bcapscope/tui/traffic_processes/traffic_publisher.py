@@ -26,8 +26,6 @@ ANALYSIS_INTERVAL = 1.5
 
 
 class CallRecorder(PipelineSubscriber):
-    """Writes calls and stray replies to a call store."""
-
     needs_targets = True
 
     def __init__(self, calls: CallStoreWriter) -> None:
@@ -73,7 +71,6 @@ class TrafficPublisher:
         return self._diagnosis
 
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:
-        """Return the subscribers of the traffic pipeline, including those of the diagnosis."""
         return self.call_recorder, *self.load_diagnosis().subscribers
 
     def report_progress(self) -> None:
@@ -84,9 +81,7 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """If enough time has passed, report progress and, less often, the analysis of the traffic until
-        `end_time` (ns since 1970).
-        """
+        """If enough time has passed, report progress and, less often, the analysis until `end_time` (ns)."""
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return
@@ -97,7 +92,6 @@ class TrafficPublisher:
             self._last_analysis, self._last_analysis_count = time.monotonic(), seen
 
     def report_end(self, end_time: int) -> None:
-        """Report the final analysis, then the final progress."""
         self.journal.flush()
         self._calls.flush()
         self._send(self.load_diagnosis().snapshot(end_time, self._job.own_clients))

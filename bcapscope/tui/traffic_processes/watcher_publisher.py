@@ -87,14 +87,11 @@ class WatcherPublisher:
         self._has_ended, self._problem = False, ""
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Publish a frame. `note` says how the proxy changed the frame; "" if the proxy did not change the
-        frame.
-        """
+        """Publish a frame. `note` says how the proxy changed the frame; "" for an unchanged frame."""
         kind = self._call_kind_of(observation)
         self._publish(self._publisher.journal.add, observation, kind, (note,) if note else ())
 
     def report_if_due(self, client_count: int) -> None:
-        """Report new traffic, if enough time has passed since the last report."""
         self._client_count = client_count
         if client_count:
             self._publish(self._publisher.report_if_due, 0)
@@ -111,9 +108,7 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run the function `action`, which publishes traffic. If `action` fails, report the error and publish
-        nothing more.
-        """
+        """Run `action`, which publishes traffic. If it fails, report the error and publish nothing more."""
         if self._has_ended:
             return
         try:

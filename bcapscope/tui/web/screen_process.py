@@ -42,9 +42,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Wait for a free seat, and occupy the seat while the `with` block runs. Raise `NoSeat` if no seat
-        becomes free in time.
-        """
+        """Occupy a free seat while the `with` block runs; raise `NoSeat` if no seat becomes free in time."""
         if not await self._acquire(RELOAD_WITHIN) and not (
             self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -92,9 +90,7 @@ class ScreenProcess(AppService):
         self._argv = tuple(argv)
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
-        """Start the command without a shell. The shell that textual-serve starts would not forward
-        signals.
-        """
+        """Start the command without the shell of textual-serve, which would not forward signals."""
         self._process = process = await asyncio.create_subprocess_exec(
             *self._argv,
             stdin=asyncio.subprocess.PIPE,

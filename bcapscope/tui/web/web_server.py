@@ -6,8 +6,10 @@ import asyncio
 import logging
 import signal
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
+from functools import partial
+from typing import TypeVar
 
 import aiohttp_jinja2
 import jinja2
@@ -49,6 +51,8 @@ _LARGEST_SIZE = 1000
 """Maximum number of columns of a screen. Also the maximum number of its lines. No real display has more."""
 
 _BUSY_PATH = "/busy"
+
+T = TypeVar("T")
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">{head}<title>bcapscope</title></head>
@@ -197,24 +201,16 @@ class WebServer:
                 await self._run_screen(websocket, size)
         except NoSeat:
             busy_page = {"url": f"{self.gate.base_path}{_BUSY_PATH}", "new_tab": False}
-            with suppress(ConnectionError):
-                await websocket.send_json(["open_url", busy_page])
+            await _send(websocket.send_json, ["open_url", busy_page])
             await websocket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"another viewer is connected")
         finally:
             self._websockets.discard(websocket)
         return websocket
 
     async def _run_screen(self, websocket: web.WebSocketResponse, size: tuple[int, int]) -> None:
-        async def write_bytes(data: bytes) -> None:
-            with suppress(ConnectionError):
-                await websocket.send_bytes(data)
-
-        async def write_str(text: str) -> None:
-            with suppress(ConnectionError):
-                await websocket.send_str(text)
-
         if websocket.closed:
             return
+        write_bytes, write_str = partial(_send, websocket.send_bytes), partial(_send, websocket.send_str)
         screen = ScreenProcess(self._argv, write_bytes, write_str, websocket.close)
         await screen.start(*size)
 
@@ -235,15 +231,19 @@ class WebServer:
                 self._seats.ending -= 1
 
     async def _close_viewers(self, application: web.Application) -> None:
-        """Close every viewer's connection, which ends the screen processes."""
         closing = (each.close(code=WSCloseCode.GOING_AWAY) for each in self._websockets)
         await asyncio.gather(*closing)
+
+
+async def _send(send: Callable[[T], Awaitable[None]], data: T) -> None:
+    """Send data to a page, unless the connection is lost."""
+    with suppress(ConnectionError):
+        await send(data)
 
 
 async def _handle_page_event(
     message: WSMessage, screen: ScreenProcess, websocket: web.WebSocketResponse
 ) -> None:
-    """Pass a key or another event of the page to the screen process; ignore unknown events."""
     if message.type is not WSMsgType.TEXT:
         return
     try:
@@ -256,8 +256,7 @@ async def _handle_page_event(
         case ["resize", {"width": int(width), "height": int(height)}]:
             await screen.set_terminal_size(_bounded(width), _bounded(height))
         case ["ping", str(when)]:
-            with suppress(ConnectionError):
-                await websocket.send_json(["pong", when])
+            await _send(websocket.send_json, ["pong", when])
         case ["blur", *_]:
             await screen.blur()
         case ["focus", *_]:

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from rich.cells import cell_len
-from rich.segment import Segment
 from rich.style import Style
 from rich.text import Text
 from textual.app import RenderResult
 from textual.reactive import var
 from textual.screen import Screen
-from textual.strip import Strip
 from textual.widget import Widget
 
 from bcapscope.messages.message import has_message
@@ -32,9 +30,7 @@ class ClickBar(Widget):
 
 
 class TopBar(ClickBar):
-    """Shows the screens with their keys, and `BcapApp.status` at the right. A click on a screen opens this
-    screen.
-    """
+    """Shows the screens with their keys, and `BcapApp.status` at the right. A click opens a screen."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
@@ -45,7 +41,6 @@ class TopBar(ClickBar):
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Render the bar. If the bar is too short for the screens and the status, cut off the screens."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
@@ -64,9 +59,7 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys and actions as fit, beginning with the keys of the focused widget. A click runs the
-    action.
-    """
+    """Shows as many keys as fit, those of the focused widget first. A click runs the action."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -99,9 +92,7 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the views with their keys and numbers of rows. At the right, it shows the progress. A click on a
-    view shows this view.
-    """
+    """Shows the views with their keys and numbers of rows, and the progress. A click shows a view."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
@@ -121,21 +112,15 @@ class ViewBar(ClickBar):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()
 
-    def render_line(self, y: int) -> Strip:
-        """Render the bar without the texts that do not fit."""
-        width = self.size.width
-        bar: list[Segment] = []
+    def render(self) -> RenderResult:
+        bar = Text(no_wrap=True, end="")
         for number, (view, name) in enumerate(self._views.items(), 1):
-            count = self._counts.get(view, "")
+            count, action = self._counts.get(view, ""), f"screen.view({view!r})"
             key_style, text_style = ("here", "here") if view == self._current_view else ("key", "there")
-            for style, text in (
-                (key_style, f" {number} "),
-                (text_style, f"{label(name)} {count} " if count else f"{label(name)} "),
-            ):
-                bar.append(Segment(text, self.style_for(f"viewbar--{style}", f"screen.view({view!r})")))
-        space = width - sum(segment.cell_length for segment in bar)
+            text = f"{label(name)} {count} " if count else f"{label(name)} "
+            bar.append(f" {number} ", self.style_for(f"viewbar--{key_style}", action))
+            bar.append(text, self.style_for(f"viewbar--{text_style}", action))
+        space = self.size.width - bar.cell_len
         state = next((f"{text} " for text in self._states if cell_len(text) < space), "")
-        if state:
-            bar.append(Segment(" " * (space - cell_len(state)), self.rich_style))
-            bar.append(Segment(state, self.get_component_rich_style("viewbar--state")))
-        return Strip(bar).adjust_cell_length(width, self.rich_style)
+        bar.append(" " * (space - cell_len(state)))
+        return bar.append(state, self.get_component_rich_style("viewbar--state"))

@@ -40,13 +40,10 @@ class FindingPage(ItemList[tuple[str, int]]):
             self._update_lines()
 
     def current_finding(self) -> int | None:
-        """Return the number of the finding under the cursor. Return 1 if the cursor is on the summary, and
-        None if there are no findings.
-        """
+        """Return the number of the finding under the cursor; 1 on the summary, None without findings."""
         return (self.current_item[1] or 1) if self.current_item and self._analysis.findings else None
 
     def go_to_finding(self, number: int) -> None:
-        """Select a finding by its number, from 1."""
         for index, (_, each) in enumerate(self.items):
             if each == number:
                 self.move_cursor_to(index)
@@ -60,9 +57,7 @@ class FindingPage(ItemList[tuple[str, int]]):
 
     @property
     def _columns(self) -> int:
-        """Number of columns for text. Before the first layout, this method returns the expected number of
-        columns.
-        """
+        """Number of columns for text; before the first layout, the expected number."""
         return self.size.width or self.app.size.width - self.scrollbar_size_vertical
 
     def _update_lines(self) -> None:

@@ -65,7 +65,6 @@ class Lines(ScrollView, can_focus=True):
         """The cursor moved to another line, or a new line replaced the line under the cursor."""
 
         lines: Lines
-        index: int
 
     class Chosen(Moved):
         """The user pressed Enter on a line, or clicked the line under the cursor."""
@@ -88,6 +87,10 @@ class Lines(ScrollView, can_focus=True):
     def line(self, index: int) -> str:
         """Return a line, rendered with `ink.INK`."""
 
+    def header(self) -> str:
+        """Return the titles of the columns; "" for a list without columns."""
+        return ""
+
     # for subclasses
 
     def reset_lines(self, cursor: int = 0) -> None:
@@ -103,9 +106,7 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show new lines. If `follows_end` is set and the cursor is on the last line, move the cursor to the
-        new last line.
-        """
+        """Show new lines. With `follows_end`, a cursor on the last line moves to the new last line."""
         before, count = self._known_count, self.count
         if count == before:
             return
@@ -139,12 +140,10 @@ class Lines(ScrollView, can_focus=True):
             self._update_scrollbar()
 
     def repaint(self) -> None:
-        """Redraw all lines, for example because their format changed."""
         self._strips.clear()
         self.refresh()
 
     def redraw_lines(self, *indexes: int) -> None:
-        """Redraw the lines with the given indexes, if they are visible."""
         top, height = self.scroll_offset.y, self.size.height
         seen = [index - top for index in indexes if 0 <= index - top < height]
         if seen:
@@ -176,7 +175,6 @@ class Lines(ScrollView, can_focus=True):
         return [strip.crop(crop.x, crop.right) for strip in strips]
 
     def _line_strip(self, index: int, x: int, width: int) -> Strip:
-        """Return the strip of a line, or a blank strip below the last line."""
         is_there = index < self._known_count
         is_cursor = is_there and self.highlights_cursor_line and index == self.cursor
         sign = self.line_state(index) if is_there else None
@@ -246,7 +244,7 @@ class Lines(ScrollView, can_focus=True):
         self.repaint()
 
     def _post_moved(self) -> None:
-        self.post_message(self.Moved(self, self.cursor))
+        self.post_message(self.Moved(self))
 
     def _scroll_to_cursor(self) -> None:
         height = self.size.height
@@ -274,10 +272,9 @@ class Lines(ScrollView, can_focus=True):
 
     def action_choose(self) -> None:
         if self.count:
-            self.post_message(self.Chosen(self, self.cursor))
+            self.post_message(self.Chosen(self))
 
     def on_click(self, event: Click) -> None:
-        """Move the cursor to the clicked line. A double click chooses the line."""
         offset = event.get_content_offset(self)
         if offset is None:
             return
@@ -306,9 +303,7 @@ class ItemList(Lines, Generic[T]):
         """Return the line of an item, rendered with `ink.INK`."""
 
     def key_of(self, item: T) -> object:
-        """Return a value that identifies the item; None if the item can be identified only by its
-        position.
-        """
+        """Return a value that identifies the item; None if only its position identifies the item."""
         return None
 
     def show_items(self, items: Sequence[T]) -> None:

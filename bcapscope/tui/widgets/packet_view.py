@@ -20,7 +20,6 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.tui.ink import CURSOR, INK, LIT
 from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 MAX_ROWS = 20_000
 """Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
@@ -33,16 +32,10 @@ _FOLDED_AT_FIRST = 6
 
 
 class _Entry(NamedTuple):
-    """An entry of the tree: a row of a section, or the caption above a section.
-
-    Attributes:
-        row: Row of the section that the entry shows; None if the entry is the caption.
-        stop: If a branch begins with this entry, the index of the first entry after the branch.
-    """
+    """An entry of the tree: a row of a section. `row` is None for the caption above a section."""
 
     section: int
     row: FieldRow | None
-    stop: int
 
 
 class FieldTree(Lines):
@@ -79,9 +72,7 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field that contains a byte, and return the field's start and end. Post no
-        message.
-        """
+        """Select the innermost field with a byte, without a message; return the field's start and end."""
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -89,7 +80,7 @@ class FieldTree(Lines):
                 found = index
         if found is None:
             return 0, 0
-        parents = {at for at in self._folded if at < found < self._entries[at].stop}
+        parents = {at for at in self._folded if at < found < self._branch_end(at)}
         if parents:
             self._folded -= parents
             self._update_visible()
@@ -109,9 +100,8 @@ class FieldTree(Lines):
         return len(self._visible)
 
     def line(self, index: int) -> str:
-        """Return a row as text: the offset of its first byte, its name and its meaning."""
         at = self._visible[index]
-        section, row, stop = self._entries[at]
+        section, row = self._entries[at]
         if row is None:
             caption = self._sections[section].caption
             return "" if caption is None else f"{INK.dim}{reader_words().text(caption)}{INK.reset}"
@@ -120,7 +110,7 @@ class FieldTree(Lines):
             return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
         if row.kind is FieldRowKind.NOTE:
             return f"       {indent}{INK.dim}{row.text}{INK.reset}"
-        fold = " " if stop == at + 1 else "▸" if at in self._folded else "▾"
+        fold = " " if not self._is_branch(at) else "▸" if at in self._folded else "▾"
         name_width = _NARROW_NAME if self.size.width < _NARROW_TREE else _NAME_WIDTH
         width = max(1, name_width - len(indent))
         place = f"{row.start:>4}" if row.stop > row.start else "    "
@@ -129,7 +119,7 @@ class FieldTree(Lines):
     def on_lines_moved(self, message: Lines.Moved) -> None:
         if not self._visible:
             return
-        section, row, _ = self._entries[self._visible[self.cursor]]
+        section, row = self._entries[self._visible[self.cursor]]
         if row is not None:
             self.post_message(self.FieldSelected(section, row.start, row.stop))
 
@@ -137,27 +127,43 @@ class FieldTree(Lines):
         self._entries = []
         for number, section in enumerate(self._sections):
             if section.caption is not None:
-                self._entries.append(_Entry(number, None, len(self._entries) + 1))
-            found = list(islice(field_rows(section, self._full, reader_words()), MAX_ROWS))
-            self._entries += _make_entries(number, found, len(self._entries))
+                self._entries.append(_Entry(number, None))
+            rows = islice(field_rows(section, self._full, reader_words()), MAX_ROWS)
+            self._entries += [_Entry(number, row) for row in rows]
         self._folded = {at for at in range(len(self._entries)) if self._is_short_branch(at)}
         self._update_visible()
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Return whether a branch is folded at first. A short branch without problems is folded."""
-        _, row, stop = self._entries[at]
-        if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
+        row = self._entries[at].row
+        if row is None or row.depth or row.kind is not FieldRowKind.FIELD:
             return False
-        under = [entry.row for entry in self._entries[at:stop]]
-        return all(each is not None and each.kind is not FieldRowKind.PROBLEM for each in under)
+        branch = self._entries[at : self._branch_end(at)]
+        has_problem = any(each is not None and each.kind is FieldRowKind.PROBLEM for _, each in branch)
+        return len(branch) <= _FOLDED_AT_FIRST + 1 and not has_problem
+
+    def _branch_end(self, at: int) -> int:
+        """Return the index of the first entry after the branch that begins with an entry."""
+        if not self._is_branch(at):
+            return at + 1
+        later = range(at + 2, len(self._entries))
+        return next((each for each in later if self._depth(each) <= self._depth(at)), len(self._entries))
+
+    def _is_branch(self, at: int) -> bool:
+        row = self._entries[at].row
+        is_field = row is not None and row.kind in (FieldRowKind.FIELD, FieldRowKind.LEAF)
+        return is_field and at + 1 < len(self._entries) and self._depth(at + 1) > self._depth(at)
+
+    def _depth(self, at: int) -> int:
+        row = self._entries[at].row
+        return -1 if row is None else row.depth
 
     def _update_visible(self) -> None:
         self._visible = []
         at = 0
         while at < len(self._entries):
             self._visible.append(at)
-            at = self._entries[at].stop if at in self._folded else at + 1
+            at = self._branch_end(at) if at in self._folded else at + 1
 
     def _set_folded(self, at: int, folded: bool) -> None:
         (self._folded.add if folded else self._folded.discard)(at)
@@ -165,18 +171,15 @@ class FieldTree(Lines):
         self.reset_lines(self._visible.index(at))
 
     def action_fold(self) -> None:
-        """Fold the branch under the cursor. If the branch is already folded, or the cursor is on a leaf,
-        select the parent.
-        """
         if not self._visible:
             return
         at = self._visible[self.cursor]
-        if self._entries[at].stop > at + 1 and at not in self._folded:
+        if self._is_branch(at) and at not in self._folded:
             self._set_folded(at, True)
             return
-        parents = [each for each in self._visible if each < at < self._entries[each].stop]
-        if parents:
-            self.move_cursor_to(self._visible.index(parents[-1]))
+        parent = next((each for each in range(at - 1, -1, -1) if at < self._branch_end(each)), None)
+        if parent is not None:
+            self.move_cursor_to(self._visible.index(parent))
 
     def action_unfold(self) -> None:
         if self._visible and self._visible[self.cursor] in self._folded:
@@ -185,33 +188,12 @@ class FieldTree(Lines):
     def action_turn(self) -> None:
         if self._visible:
             at = self._visible[self.cursor]
-            if self._entries[at].stop > at + 1:
+            if self._is_branch(at):
                 self._set_folded(at, at not in self._folded)
 
     def action_full(self) -> None:
-        """Show all elements and characters of long values, or only the first ones. Each use of the action
-        switches between the two.
-        """
         self._full = not self._full
         self._rebuild()
-
-
-def _make_entries(section: int, found: list[FieldRow], first: int) -> list[_Entry]:
-    """Return tree entries for the rows of a section. `first` is the index that the first of these entries
-    will have in the tree.
-    """
-    stops = [0] * len(found)
-    open_rows: list[int] = []
-    for index, row in enumerate(found):
-        while open_rows and found[open_rows[-1]].depth >= row.depth:
-            stops[open_rows.pop()] = index
-        if row.kind in (FieldRowKind.FIELD, FieldRowKind.LEAF):
-            open_rows.append(index)
-        else:
-            stops[index] = index + 1
-    for index in open_rows:
-        stops[index] = len(found)
-    return [_Entry(section, row, first + stop) for row, stop in zip(found, stops, strict=True)]
 
 
 _FEW_BYTES = 8
@@ -225,18 +207,10 @@ def width_for(per_line: int) -> int:
 
 
 class HexView(Lines):
-    """Shows bytes with their offsets, and highlights the bytes of one field."""
+    """Shows bytes with their offsets, and highlights the bytes of one field. The keys of `Lines` move the
+    cursor by bytes and rows of bytes.
+    """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left", "step(-1)", "", show=False),
-        Binding("right", "step(1)", "", show=False),
-        Binding("up,k", "row(-1)", "", show=False),
-        Binding("down,j", "row(1)", "", show=False),
-        Binding("pageup", "rows(-1)", "", show=False),
-        Binding("pagedown", "rows(1)", "", show=False),
-        Binding("home,g", "first", "", show=False),
-        Binding("end,G", "last", "", show=False),
-    ]
     highlights_cursor_line = False  # the cursor is a byte
 
     @dataclass
@@ -326,7 +300,7 @@ class HexView(Lines):
         self.repaint()
         self.post_message(self.ByteSelected(*self._cursor_byte))
 
-    def action_step(self, by: int) -> None:
+    def action_sideways(self, by: int) -> None:
         section, offset = self._cursor_byte
         offset += by
         if offset < 0 and section:
@@ -336,16 +310,16 @@ class HexView(Lines):
             section, offset = section + 1, 0
         self._select_byte(section, offset)
 
-    def action_row(self, by: int) -> None:
-        self.action_step(by * self._per_line)
+    def action_move(self, by: int) -> None:
+        self.action_sideways(by * self._per_line)
 
-    def action_rows(self, by: int) -> None:
-        self.action_row(by * max(1, self.size.height - 1))
+    def action_page(self, by: int) -> None:
+        self.action_move(by * max(1, self.size.height - 1))
 
-    def action_first(self) -> None:
+    def action_to_start(self) -> None:
         self._select_byte(0, 0)
 
-    def action_last(self) -> None:
+    def action_to_end(self) -> None:
         if self._sections:
             self._select_byte(len(self._sections) - 1, len(self._sections[-1].body) - 1)
 
@@ -381,10 +355,8 @@ be narrower, the view shows eight bytes per line.
 """
 
 
-class PacketView(Horizontal, PlainContainer):
-    """Shows one frame, or bytes that are not a frame, as a tree and as bytes. The tree and the bytes
-    highlight the same field.
-    """
+class PacketView(Horizontal):
+    """Shows a frame, or other bytes, as a tree and as bytes. Both highlight the same field."""
 
     def compose(self) -> ComposeResult:
         """Put the tree and the bytes side by side. The vertical line between tree and bytes is a widget,
@@ -404,9 +376,7 @@ class PacketView(Horizontal, PlainContainer):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Divide the width: the view of the bytes gets the columns that it needs, and the tree gets the other
-        columns.
-        """
+        """Give the view of the bytes the columns that it needs, and the tree the other columns."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST

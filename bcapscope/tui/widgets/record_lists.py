@@ -6,7 +6,7 @@ from abc import abstractmethod
 from array import array
 from bisect import bisect_left, insort
 from collections.abc import Callable, Collection
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Generic, TypeAlias, TypeVar
 
 from textual.binding import Binding, BindingType
 
@@ -25,6 +25,7 @@ from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.lines import Lines
 
 EndpointWriter: TypeAlias = Callable[[Flow], str]
+Source = TypeVar("Source", ObservationStore, CallStore)
 
 _MAX_CLIENT_LENGTH = 45
 
@@ -37,8 +38,9 @@ def client_and_arrow(flow: Flow) -> str:
     return f"{printable(str(flow.conversation.client))[:_MAX_CLIENT_LENGTH]:<21} {direction_arrow(flow)}"
 
 
-class RecordList(Lines):
-    """Shows all records. With a filter, shows the matching records that the search has found so far.
+class RecordList(Lines, Generic[Source]):
+    """Shows the records of the source that `open_source` sets. With a filter, shows the matching records that
+    the search has found so far.
 
     Attributes:
         clock: Format of the times in the lines.
@@ -49,14 +51,25 @@ class RecordList(Lines):
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self.matches: array[int] | None = None
+        self._source: Source | None = None
         self.clock, self._shows_client, self._origin = TimeFormat.RELATIVE, False, 0
         self.use_format(self.clock, direction_arrow, 0)
 
+    @property
+    def source(self) -> Source:
+        assert self._source is not None
+        return self._source
+
+    def open_source(self, source: Source, live: bool) -> None:
+        self._source, self.follows_end = source, live
+
+    def clear_source(self) -> None:
+        self.matches, self._source = None, None
+        self.reset_lines()
+
     @abstractmethod
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """Set the format of the lines that are rendered after this call. Relative times count from
-        `origin`.
-        """
+        """Set the format of the lines rendered after this call. Relative times count from `origin`."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
         """Set the format of times, and whether lines show the client. Relative times count from `origin`."""
@@ -70,13 +83,11 @@ class RecordList(Lines):
         """Header of two columns: the client and the direction arrow. "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
-    @abstractmethod
-    def header(self) -> str:
-        """Return the titles of the columns."""
-
-    def row_count(self, total: int) -> int:
-        """Return the number of rows: the number of matches, or `total` without a filter."""
-        return total if self.matches is None else len(self.matches)
+    @property
+    def row_count(self) -> int:
+        """Number of rows that show a record each."""
+        rows = self._source if self.matches is None else self.matches
+        return 0 if rows is None else len(rows)
 
     def record_at(self, row: int) -> int:
         """Return the number, from 1, of the record that a row shows."""
@@ -88,9 +99,7 @@ class RecordList(Lines):
         return row if self.matches is None or number in self.matches[row : row + 1] else None
 
     def nearest_row(self, number: int) -> int:
-        """Return the row of a record. If the filter hides the record, return the row of the next visible
-        record.
-        """
+        """Return the row of a record; if the filter hides it, the row of the next visible record."""
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
@@ -110,8 +119,8 @@ belongs to the call under the cursor. The third shows that the frame proves a fi
 """
 
 
-class FrameList(RecordList):
-    """Shows the frames of the journal that `open_journal` sets.
+class FrameList(RecordList[ObservationStore]):
+    """Shows the frames of a journal.
 
     Attributes:
         marks: Maps the number of a frame that the user marked to the user's note; "" for a mark without a
@@ -125,16 +134,10 @@ class FrameList(RecordList):
         self.marks: dict[int, str] = {}
         self.related: Collection[int] = ()
         self.evidence: Collection[int] = ()
-        self._journal: ObservationStore | None = None
-
-    def open_journal(self, journal: ObservationStore, live: bool) -> None:
-        self._journal = journal
-        self.follows_end = live
 
     def clear_source(self) -> None:
-        self.matches, self.marks, self.related, self.evidence = None, {}, (), ()
-        self._journal = None
-        self.reset_lines()
+        self.marks, self.related, self.evidence = {}, (), ()
+        super().clear_source()
 
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
         self._renderer = FrameLineRenderer(clock, INK, write_endpoints=write_endpoints, words=reader_words())
@@ -142,7 +145,7 @@ class FrameList(RecordList):
 
     @property
     def count(self) -> int:
-        return self.row_count(len(self._journal)) if self._journal is not None else 0
+        return self.row_count
 
     @property
     def frame_number(self) -> int | None:
@@ -150,14 +153,12 @@ class FrameList(RecordList):
         return self.record_at(self.cursor) if self.cursor < self.count else None
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        assert self._journal is not None
-        return self._journal.read_frame(number)
+        return self.source.read_frame(number)
 
     def line(self, index: int) -> str:
-        """Return the line of a frame, which begins with the marks of the frame."""
         number = self.record_at(index)
-        if self.clock is TimeFormat.DELTA and self._journal is not None:
-            self._renderer.set_time_origin(self._journal.time_of(self.record_at(max(0, index - 1))))
+        if self.clock is TimeFormat.DELTA:
+            self._renderer.set_time_origin(self.source.time_of(self.record_at(max(0, index - 1))))
         frame, call_kind, comments = self.read_frame(number)
         note = self.marks.get(number)
         if note:
@@ -165,7 +166,6 @@ class FrameList(RecordList):
         return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line. The list draws the line again if the marks change."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
@@ -175,9 +175,7 @@ class FrameList(RecordList):
         return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
 
     def show_related(self, related: Collection[int]) -> None:
-        """Mark the frames `related` as part of the call under the cursor, and remove the marks of the
-        previous call.
-        """
+        """Mark the frames of the call under the cursor, and unmark those of the previous call."""
         if related != self.related:
             changed = [self.row_of(number) for number in {*related, *self.related}]
             self.related = related
@@ -192,8 +190,8 @@ class FrameList(RecordList):
         return f"{head}  {label('traffic.head.what')}"
 
 
-class CallList(RecordList):
-    """Shows the calls in a call store, which `open_calls` sets."""
+class CallList(RecordList[CallStore]):
+    """Shows the calls in a call store. The keys left and right fold and unfold the frames of a call."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "unfold(True)", "traffic.unfold", show=False),
@@ -203,16 +201,11 @@ class CallList(RecordList):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._calls: CallStore | None = None
         self._unfolded: list[tuple[int, int]] = []
 
-    def open_calls(self, calls: CallStore, live: bool) -> None:
-        self._calls = calls
-        self.follows_end = live
-
     def clear_source(self) -> None:
-        self.matches, self._calls = None, None
-        self.show_rows()
+        self._unfolded.clear()
+        super().clear_source()
 
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
         self._renderer = CallRenderer(clock, INK, write_endpoints, reader_words())
@@ -220,10 +213,7 @@ class CallList(RecordList):
 
     @property
     def count(self) -> int:
-        return self._call_count() + sum(extra for _, extra in self._unfolded)
-
-    def _call_count(self) -> int:
-        return self.row_count(len(self._calls)) if self._calls is not None else 0
+        return self.row_count + sum(extra for _, extra in self._unfolded)
 
     def show_rows(self) -> None:
         """Fold all calls and redraw the list, after `matches` has changed."""
@@ -248,14 +238,11 @@ class CallList(RecordList):
         return position + sum(extra for each, extra in self._unfolded if each < position)
 
     def call_row(self, position: int) -> StoredCall:
-        assert self._calls is not None
-        return self._calls.read_call(self.record_at(position) - 1)
+        return self.source.read_call(self.record_at(position) - 1)
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, and the number of the frame under the cursor; None if the list is
-        empty.
-        """
+        """The call under the cursor, and the number of its frame; None if the list is empty."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)
@@ -271,7 +258,7 @@ class CallList(RecordList):
     def go_to_call(self, row: int) -> bool:
         """Select a call by its number from 1; return whether the list shows the call."""
         position = self.row_of(row)
-        if position is None or position >= self._call_count():
+        if position is None or position >= self.row_count:
             return False
         self.move_cursor_to(self._line_of(position))
         return True

@@ -26,19 +26,21 @@ class InkedText(Static):
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
         """Show a text with ink marks. `layout` must be True if the size of the text may have changed."""
-        self._source_text = text
-        self.update(styled_text(text, app_of(self).text_styles), layout=layout)
+        if text != self._source_text:
+            self._source_text = text
+            self._draw(layout)
+
+    def _draw(self, layout: bool) -> None:
+        self.update(styled_text(self._source_text, app_of(self).text_styles), layout=layout)
 
     def notify_style_update(self) -> None:
         super().notify_style_update()
         if self.is_mounted:
-            self.show_text(self._source_text, layout=False)
+            self._draw(layout=False)
 
 
 class CheckedInput(Vertical):
-    """An input line that checks its text while the user types, and posts messages only if the text is
-    valid.
-    """
+    """An input line that checks its text while the user types. Only valid text posts messages."""
 
     @dataclass
     class Typed(Message):

@@ -9,7 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.tui.traffic_processes.process_messages import ReadJob, ReadProgress, SearchMatches
+from bcapscope.tui.traffic_processes.process_messages import (
+    NO_ANALYSIS,
+    ReadJob,
+    ReadProgress,
+    SearchMatches,
+    send_message,
+)
 from bcapscope.tui.traffic_processes.reader_process import TrafficReader
 from bcapscope.tui.traffic_processes.traffic_feed import (
     FeedUpdate,
@@ -79,6 +85,33 @@ def test_what_was_told_before_anybody_listened_is_told_then() -> None:
         feed._reader.wait(LIMIT)
         ear = Ear(feed)
         ear.wait(ended)
+    finally:
+        feed.close()
+
+
+class _Reports(BytesIO):
+    """Reports of a watcher; `over` is set when all have been read."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.over = threading.Event()
+
+    def close(self) -> None:
+        self.over.set()
+        super().close()
+
+
+def test_of_what_nobody_listened_to_only_the_latest_is_kept(tmp_path: Path) -> None:
+    reports = _Reports()
+    for clients in range(3):
+        send_message(reports, ReadProgress(clients=clients))
+    send_message(reports, NO_ANALYSIS)
+    send_message(reports, ReadProgress(ended=True))
+    reports.seek(0)
+    feed = TrafficFeed(watcher_job(tmp_path, tmp_path / "proxy.pcapng"), reports)
+    try:
+        assert reports.over.wait(LIMIT)
+        assert Ear(feed).heard == [NO_ANALYSIS, ReadProgress(ended=True)]
     finally:
         feed.close()
 

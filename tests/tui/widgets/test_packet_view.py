@@ -38,7 +38,7 @@ def test_every_field_lights_its_bytes_and_every_byte_its_field() -> None:
         tree.focus()
         for _ in range(tree.count - 1):
             await pilot.press("down")
-            _, row, _ = tree._entries[tree._visible[tree.cursor]]
+            _, row = tree._entries[tree._visible[tree.cursor]]
             assert row is not None
             assert view._highlighted == (0, row.start, row.stop)
         view.focus()
