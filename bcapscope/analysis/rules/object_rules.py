@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import result_of
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    OccurrenceSink,
     Refusal,
     RefusalReason,
     RuleChecker,
@@ -35,8 +34,7 @@ class _HandleTally:
 class ObjectChecker(RuleChecker):
     """Counts the open handles of each object, for each client."""
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._tallies: dict[tuple[Conversation, ObjectClass, str], _HandleTally] = {}
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:

@@ -110,6 +110,10 @@ class RuleChecker:
         self.report_occurrence = report_occurrence
         self.clients = clients
         self.by_client: dict[Conversation, Any] = {}
+        self.set_up()
+
+    def set_up(self) -> None:
+        """Create the data that a subclass keeps in addition to `by_client`."""
 
     def report_call(
         self,

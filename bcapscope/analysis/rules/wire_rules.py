@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
-    ClientEnd,
-    Occurrence,
-    OccurrenceSink,
-    RuleChecker,
-)
+from bcapscope.analysis.rules.rule_checker import SECOND, ClientEnd, Occurrence, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -45,8 +39,7 @@ _MAX_PROBLEMS_NAMED = 3
 class WireChecker(RuleChecker):
     """Checks damaged frames, and decides whether the capture or the sender damaged a frame."""
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._resync_since: dict[Flow, int] = {}
         self._directions: dict[Conversation, set[Direction]] = {}
         self._replies: dict[Conversation, list[FrameObservation]] = {}
