@@ -21,9 +21,7 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. Once this limit is reached,
-calls of a new kind are counted as `OTHER_KINDS` of their client.
-"""
+"""Pairs of client and call kind that are counted separately. Others are the client's `OTHER_KINDS`."""
 
 MAX_CODES = 16
 """Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
