@@ -106,12 +106,8 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
         return None
     released = client.released_by.get((function.owner, handle))
     if released is not None:
-        reason = Message(
-            "reason.handle-released",
-            handle=handle,
-            call=call_place(released),
-            at=Moment(released.request.time),
-        )
+        place, at = call_place(released), Moment(released.request.time)
+        reason = Message("reason.handle-released", handle=handle, call=place, at=at)
         return RefusalReason(reason, evidence_call=released)
     opened = client.opened_objects.get(handle)
     if opened is not None and opened.object_class is not function.owner:
@@ -126,12 +122,9 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
         )
     failed = client.failed_openings.get(function.owner)
     if opened is None and failed is not None:
-        reason = Message(
-            f"reason.handle-not-opened.{failure_case(failed)}",
-            handle=handle,
-            call=call_place(failed),
-            at=Moment(failed.request.time),
-        )
+        place, at = call_place(failed), Moment(failed.request.time)
+        id = f"reason.handle-not-opened.{failure_case(failed)}"
+        reason = Message(id, handle=handle, call=place, at=at)
         return RefusalReason(reason, explaining_calls=(failed.number,), evidence_call=failed)
     owner = next((other for other in client.other_clients() if handle in other.opened_objects), None)
     if opened is None and owner is not None:
