@@ -26,9 +26,7 @@ NOTABLE_CYCLE = 1.1
 """Smallest notable ratio of median cycle times; low because clients should keep the cycle time constant."""
 
 NOTABLE_MS = 0.2
-"""Smallest notable difference between two latencies, in ms. For comparison, the shortest timeout of a client
-is 2 ms (DENSO Wave 2009).
-"""
+"""Smallest notable difference of latencies, ms. The shortest timeout is 2 ms (DENSO Wave 2009)."""
 
 NOTABLE_SHARE = 0.002
 """Smallest notable difference in the share of calls that were retried, refused or left unanswered."""

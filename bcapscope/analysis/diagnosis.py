@@ -174,16 +174,15 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
-                last frame is used instead.
-            clients_present: True if it is known that clients are still connected even if they send nothing.
+            ended_at: Time when the traffic ended, ns since 1970, unless the last frame is later.
+            clients_present: Whether it is known that clients are connected even if they send nothing.
         """
         at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
         provisional = at_end if self._selection is None else self._selection.provisional_occurrences(at_end)
         return self._collector.findings(provisional)
 
     def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions that were not yet passed to `on_slave_session`. `findings` describes
+        """Return the sessions that were not yet passed to `on_slave_session`. `findings` describes
         `ended_at`.
         """
         detector = self._selected_sessions or self._session_detector

@@ -43,9 +43,8 @@ class FindingCollector:
             self._update(occurrence)
             return
         rule = occurrence.rule
-        group = self._groups.get((rule.id, occurrence.selected, occurrence.group_key)) or self._open_group(
-            occurrence
-        )
+        group = self._groups.get((rule.id, occurrence.selected, occurrence.group_key))
+        group = group or self._open_group(occurrence)
         group.add(occurrence)
         if occurrence.call:
             _append_bounded(self._by_call, occurrence.call, occurrence)

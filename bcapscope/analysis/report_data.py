@@ -110,19 +110,13 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 
 
 class ReportDataBuilder(PipelineSubscriber):
-    """Gathers the data for a report.
-
-    Attributes:
-        diagnosis: Diagnosis for the report. The caller must subscribe the diagnosis to the pipeline first,
-            then the builder.
+    """Gathers the data for a report. The caller must subscribe `diagnosis` to the pipeline before the
+    builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create an empty builder.
-
-        Args:
-            is_selected: Function that returns whether a call is selected; None to select all calls. The
-                report also lists damaged frames of calls that are not selected.
+        """Create an empty builder. The report also lists damaged frames of calls that `is_selected` leaves
+        out.
         """
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)
@@ -166,8 +160,7 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
-                last frame is used instead.
+            ended_at: Time when the traffic ended, ns since 1970, unless the last frame is later.
         """
         if self._start is None:
             return None
@@ -226,9 +219,8 @@ class ReportDataBuilder(PipelineSubscriber):
             if call.memory_bytes > LARGEST_RETRY_CHAIN:
                 return
             badness = retries, call.latency or 0, -call.number
-            (heapq.heappushpop if len(self._retry_chains) >= MAX_RETRY_CHAINS else heapq.heappush)(
-                self._retry_chains, (badness, call)
-            )
+            push = heapq.heappushpop if len(self._retry_chains) >= MAX_RETRY_CHAINS else heapq.heappush
+            push(self._retry_chains, (badness, call))
 
     def _check_frame(self, observation: FrameObservation) -> None:
         if observation.item.problems:

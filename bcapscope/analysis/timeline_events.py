@@ -54,12 +54,7 @@ class TimelineEventList:
     """Collects events in roughly chronological order, and joins neighbours when there are too many."""
 
     def __init__(self, most: int, pause: int = 0) -> None:
-        """Create an empty list.
-
-        Args:
-            pause: Events that are closer together than this time in ns are joined. The list increases this
-                time when there are too many events.
-        """
+        """Create an empty list. Events less than `pause` ns apart are joined; `pause` may grow."""
         self._most = most
         self._pause = pause
         self._events: list[TimelineEvent] = []

@@ -11,14 +11,13 @@ from collections import deque
 from typing import NamedTuple
 
 from bcapscope.analysis.call_arguments import first_number
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place, code_place
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, advice_on_code
 from bcapscope.analysis.rules.refusal_checker import REFUSALS
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
@@ -107,8 +106,7 @@ class ErrorListChecker(RuleChecker):
     any order.
     """
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._controllers: dict[str, _ControllerErrors] = {}
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:

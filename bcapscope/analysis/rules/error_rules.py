@@ -169,11 +169,7 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
     known = describe_hresult(code)
     failure = client.uncleared_error
     because = (failure.number,) if failure is not None and known.level is not None else ()
-    return RefusalReason(
-        explaining_calls=because,
-        group_key=f"{code:08X}",
-        advice=advice_on_code(code),
-    )
+    return RefusalReason(explaining_calls=because, group_key=f"{code:08X}", advice=advice_on_code(code))
 
 
 def advice_on_code(code: int) -> Message | None:

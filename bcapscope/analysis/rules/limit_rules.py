@@ -104,6 +104,10 @@ def _first_time(session: SlaveSession) -> int:
     return session.entered_at if session.first_set_point is None else session.first_set_point.time
 
 
+def _pose_type(client: ClientState) -> PoseType | None:
+    return pose_type_of_mode(client.mode_value) if client.mode_value else None
+
+
 def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
     parameter = argument(call, 2)
     if parameter is None or call.kind.folded_command != "slvmove":
@@ -114,7 +118,7 @@ def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
 
 def _explain_over_limit(call: Call, client: ClientState) -> RefusalReason | None:
     axis = describe_hresult(call.hresult or 0).axis
-    pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
+    pose_type = _pose_type(client)
     points = [*client.recent_set_points, call]
     poses = [_pose_values(point, pose_type) for point in points]
     if axis is None:
@@ -152,7 +156,7 @@ def _worst_step(poses: Sequence[tuple[float, ...]], axis: int) -> tuple[int, flo
 
 def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | None:
     axis = describe_hresult(call.hresult or 0).axis
-    pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
+    pose_type = _pose_type(client)
     pose = _pose_values(call, pose_type)
     key = "" if axis is None else f"J{axis}"
     if axis is None or pose_type not in (PoseType.J, None) or len(pose) < axis:
@@ -167,9 +171,7 @@ def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
     if parameter is None or call.kind.folded_command != "slvmove":
         return NO_REASON
-    problems = parse_set_point(
-        parameter, pose_type_of_mode(client.mode_value) if client.mode_value else None
-    ).problems
+    problems = parse_set_point(parameter, _pose_type(client)).problems
     return RefusalReason(problems[0]) if problems else NO_REASON
 
 

@@ -6,15 +6,9 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientRegistry, ClientState
+from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.rule_checker import (
-    CallHealth,
-    Occurrence,
-    OccurrenceSink,
-    RuleChecker,
-    frame_numbers,
-)
+from bcapscope.analysis.rules.rule_checker import CallHealth, Occurrence, RuleChecker, frame_numbers
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
@@ -46,8 +40,7 @@ class _TimedCall(NamedTuple):
 class MotionChecker(RuleChecker):
     """Checks whether a client changed a controller's external speed while the robot moved."""
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._motions: deque[_TimedCall] = deque(maxlen=_REMEMBERED)
         self._changes: deque[_TimedCall] = deque(maxlen=_REMEMBERED)
 
@@ -86,24 +79,22 @@ class MotionChecker(RuleChecker):
 
 def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]:
     is_same_controller = motion.conversation.server.host == change.conversation.server.host
-    if is_same_controller and motion.began < change.ended < motion.ended:
-        yield Occurrence(
-            RULES["speed-changed-in-motion"],
-            change.ended,
-            change.ended,
-            change.conversation,
-            tuple(sorted({*motion.frames, *change.frames})),
-            Message(
-                "finding.speed-changed-in-motion",
-                at=Moment(change.ended),
-                client=client_place(change.conversation),
-                call=change.call,
-                motion=motion.call,
-                mover=client_place(motion.conversation),
-            ),
-            Message("clause.speed-changed-in-motion", call=change.call),
-            call=change.call.number,
-        )
+    if not is_same_controller or not motion.began < change.ended < motion.ended:
+        return
+    fact = Message(
+        "finding.speed-changed-in-motion",
+        at=Moment(change.ended),
+        client=client_place(change.conversation),
+        call=change.call,
+        motion=motion.call,
+        mover=client_place(motion.conversation),
+    )
+    clause, frames = (
+        Message("clause.speed-changed-in-motion", call=change.call),
+        {*motion.frames, *change.frames},
+    )
+    rule, time, number = RULES["speed-changed-in-motion"], change.ended, change.call.number
+    yield Occurrence(rule, time, time, change.conversation, tuple(sorted(frames)), fact, clause, number)
 
 
 def _is_motion(call: Call) -> bool:

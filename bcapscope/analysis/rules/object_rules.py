@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import result_of
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    OccurrenceSink,
     Refusal,
     RefusalReason,
     RuleChecker,
@@ -35,8 +34,7 @@ class _HandleTally:
 class ObjectChecker(RuleChecker):
     """Counts the open handles of each object, for each client."""
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._tallies: dict[tuple[Conversation, ObjectClass, str], _HandleTally] = {}
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -108,12 +106,8 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
         return None
     released = client.released_by.get((function.owner, handle))
     if released is not None:
-        reason = Message(
-            "reason.handle-released",
-            handle=handle,
-            call=call_place(released),
-            at=Moment(released.request.time),
-        )
+        place, at = call_place(released), Moment(released.request.time)
+        reason = Message("reason.handle-released", handle=handle, call=place, at=at)
         return RefusalReason(reason, evidence_call=released)
     opened = client.opened_objects.get(handle)
     if opened is not None and opened.object_class is not function.owner:
@@ -128,12 +122,9 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
         )
     failed = client.failed_openings.get(function.owner)
     if opened is None and failed is not None:
-        reason = Message(
-            f"reason.handle-not-opened.{failure_case(failed)}",
-            handle=handle,
-            call=call_place(failed),
-            at=Moment(failed.request.time),
-        )
+        place, at = call_place(failed), Moment(failed.request.time)
+        id = f"reason.handle-not-opened.{failure_case(failed)}"
+        reason = Message(id, handle=handle, call=place, at=at)
         return RefusalReason(reason, explaining_calls=(failed.number,), evidence_call=failed)
     owner = next((other for other in client.other_clients() if handle in other.opened_objects), None)
     if opened is None and owner is not None:

@@ -6,13 +6,12 @@ from collections import deque
 from collections.abc import Iterator
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
     Occurrence,
-    OccurrenceSink,
     Refusal,
     RefusalReason,
     RuleChecker,
@@ -40,8 +39,7 @@ _MAX_REPORTED = 64
 class PacingChecker(RuleChecker):
     """Checks the times at which set points are sent and answered."""
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._reported_gaps: deque[int] = deque(maxlen=_MAX_REPORTED)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -125,11 +123,7 @@ def _may_overwrite(session: SlaveSession) -> bool:
 
 
 def _off_pace(
-    rule: str,
-    session: SlaveSession,
-    pace: MotionPace,
-    case: str = "",
-    advice: Message | None = None,
+    rule: str, session: SlaveSession, pace: MotionPace, case: str = "", advice: Message | None = None
 ) -> Occurrence:
     first, last = session.first_set_point, session.last_set_point
     assert first is not None
@@ -160,11 +154,9 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     """Return the set points around the longest recent pause; None if a full buffer lasts longer."""
-    points = (
-        [*client.recent_set_points, call]
-        if call.kind.folded_command == "slvmove"
-        else list(client.recent_set_points)
-    )
+    points = list(client.recent_set_points)
+    if call.kind.folded_command == "slvmove":
+        points.append(call)
     pairs = [*pairwise(points[-_RECENT:])]
     pair = max(pairs, key=lambda pair: pair[1].request.time - pair[0].request.time) if pairs else None
     if pair is None or pair[1].request.time - pair[0].request.time <= _buffer_slack_ns(client):

@@ -87,32 +87,22 @@ class PreparationChecker(RuleChecker):
             return
 
         ending = _pass_of(motion)
-        self.report_call(
-            "no-at-e",
-            call,
-            Message(
-                f"finding.no-at-e.{'passes' if ending else 'without'}",
-                call=call_place(call),
-                motion=call_place(motion),
-                waited=Duration(waited),
-                **({"ending": WireText(ending)} if ending else {}),
-            ),
-            evidence_call=motion,
-            began=motion.request.time,
-            completed=call.request.time,
+        fact = Message(
+            f"finding.no-at-e.{'passes' if ending else 'without'}",
+            call=call_place(call),
+            motion=call_place(motion),
+            waited=Duration(waited),
+            **({"ending": WireText(ending)} if ending else {}),
         )
+        began, completed = motion.request.time, call.request.time
+        self.report_call("no-at-e", call, fact, evidence_call=motion, began=began, completed=completed)
 
     def _check_type_read(self, call: Call, client: ClientState) -> None:
         if client.last_motion is not None or not client.session_start_seen or _type_was_read(client):
             return
         client.type_was_read = True  # the finding is reported only once for each client
-        self.report_call(
-            "type-not-checked",
-            call,
-            Message(
-                "finding.type-not-checked", client=client_place(call.conversation), call=call_name_place(call)
-            ),
-        )
+        who, what = client_place(call.conversation), call_name_place(call)
+        self.report_call("type-not-checked", call, Message("finding.type-not-checked", client=who, call=what))
 
 
 def _type_was_read(client: ClientState) -> bool:
@@ -211,18 +201,10 @@ def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
     motion = client.last_motion
     if motion is None:
         return NO_REASON
-    return RefusalReason(
-        Message(
-            "reason.motion-before",
-            motion=call_place(motion),
-            before=Duration(call.request.time - motion.request.time),
-        ),
-        evidence_call=motion,
-        clause=Message(
-            "clause.robot-still-moving", call=call_name_place(call), code=HexNumber(call.hresult or 0)
-        ),
-        explaining_calls=(call.number,),
-    )
+    before, code = Duration(call.request.time - motion.request.time), HexNumber(call.hresult or 0)
+    text = Message("reason.motion-before", motion=call_place(motion), before=before)
+    clause = Message("clause.robot-still-moving", call=call_name_place(call), code=code)
+    return RefusalReason(text, clause=clause, explaining_calls=(call.number,), evidence_call=motion)
 
 
 def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.rule_checker import (
-    Occurrence,
-    RuleChecker,
-)
+from bcapscope.analysis.rules.rule_checker import Occurrence, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment, WireText

@@ -7,14 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypedDict
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
 from bcapscope.analysis.rules.proxy_rules import advice_by_place, group_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     ClientEnd,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
@@ -54,8 +53,7 @@ class ReplyChecker(RuleChecker):
 
     by_client: dict[Conversation, _Pending]
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._requesting: set[Conversation] = set()
 
     def on_new_flow(self, observation: Observation) -> None:
@@ -128,23 +126,11 @@ class ReplyChecker(RuleChecker):
             "client": client_place(call.conversation),
             "took": Duration(reply.time - attempt.time),
         }
-        self.report_call(
-            rule,
-            call,
-            with_place(
-                call,
-                Message(
-                    f"finding.{rule}{'.inferred' if call.gave_up_inferred else ''}",
-                    **places,
-                    waited=Duration(gave_up - attempt.time),
-                    retries=Count(call.retries, "retry"),
-                ),
-            ),
-            Message("clause.late-reply", **places),
-            began=attempt.time,
-            completed=reply.time,
-            **_grouped_by_place(call),
-        )
+        case, waited = ".inferred" if call.gave_up_inferred else "", Duration(gave_up - attempt.time)
+        retries = Count(call.retries, "retry")
+        fact = with_place(call, Message(f"finding.{rule}{case}", **places, waited=waited, retries=retries))
+        clause, grouping = Message("clause.late-reply", **places), _grouped_by_place(call)
+        self.report_call(rule, call, fact, clause, began=attempt.time, completed=reply.time, **grouping)
 
     def _check_unanswered(self, call: Call) -> None:
         closing = call.conversation.connection_end

@@ -1,4 +1,4 @@
-"""The classes for a rule and for a problem that a rule reports, and the base class of all checkers."""
+"""The classes for a problem that a rule reports and for a refusal, and the base class of all checkers."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class Occurrence:
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names the problem.
         call: Number of the call that has the problem; 0 if it is not a problem of a call.
-        explaining_calls: Calls in which a problem is the likeliest cause of this problem.
+        explaining_calls: Numbers of the calls in which a problem is the likeliest cause of this problem.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
         count: How often the problem occurred; more than 1 if this object represents several occurrences.
         is_update: Whether this occurrence replaces the earlier occurrence of the same rule and call.
         selected: False if the problem is reported only as the cause of a problem in selected calls.
-        explains: Calls whose problems certainly follow from this problem, which a rule found after them.
+        explains: Numbers of the calls whose earlier reported problems certainly follow from this problem.
     """
 
     rule: DiagnosisRule
@@ -110,6 +110,10 @@ class RuleChecker:
         self.report_occurrence = report_occurrence
         self.clients = clients
         self.by_client: dict[Conversation, Any] = {}
+        self.set_up()
+
+    def set_up(self) -> None:
+        """Create the data that a subclass keeps in addition to `by_client`."""
 
     def report_call(
         self,

@@ -157,15 +157,9 @@ class SessionChecker(RuleChecker):
             waited=Duration(waited),
             attempts=Count(len(call.attempts), "attempt"),
         )
-        self.report_call(
-            "long-call-without-wdt",
-            call,
-            fact,
-            evidence_call=service,
-            began=call.request.time,
-            completed=call.request.time,
-            impact=RobotImpact.PREVENTED if call.kind.function_id in MOTION_FUNCTIONS else RobotImpact.NONE,
-        )
+        impact = RobotImpact.PREVENTED if call.kind.function_id in MOTION_FUNCTIONS else RobotImpact.NONE
+        rule, ended = "long-call-without-wdt", call.request.time
+        self.report_call(rule, call, fact, evidence_call=service, completed=ended, impact=impact)
 
 
 def _may_have_left(session: SlaveSession) -> bool:

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TypeAlias
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
-    ClientEnd,
-    Occurrence,
-    OccurrenceSink,
-    RuleChecker,
-)
+from bcapscope.analysis.rules.rule_checker import SECOND, ClientEnd, Occurrence, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -42,11 +37,13 @@ _MAX_PROBLEMS_NAMED = 3
 """The text of a finding names at most this many problems of one frame."""
 
 
+_Seen: TypeAlias = "Observation | FrameObservation"
+
+
 class WireChecker(RuleChecker):
     """Checks damaged frames, and decides whether the capture or the sender damaged a frame."""
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
+    def set_up(self) -> None:
         self._resync_since: dict[Flow, int] = {}
         self._directions: dict[Conversation, set[Direction]] = {}
         self._replies: dict[Conversation, list[FrameObservation]] = {}
@@ -66,28 +63,26 @@ class WireChecker(RuleChecker):
         if evidence is ServerEvidenceKind.GUESS and flow.direction is Direction.REQUEST:
             self._report_frame("server-guessed", observation, server=flow.dst_text)
 
-    def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
-        item = observation.item
+    def on_suspect_frame(self, observation: _Seen) -> None:
+        item, conversation = observation.item, observation.flow.conversation
         if isinstance(item, Frame):
             self._check_size(observation, len(item.raw))
         problems = item.problems
         if isinstance(item, Frame) and not problems:
             return
+        cuts = [problem for problem in problems if problem.code == "cut"]
         if isinstance(item, Malformed) and item.missing:
             self._expect_resync(observation.flow, observation.time)
             self._report_frame("capture-gap", observation, missing=Count(item.missing, "byte"))
-        elif observation.flow.conversation.transport is Transport.TCP and self._is_incomplete(
-            observation, problems
-        ):
-            if _is_cut_by_closing(observation, problems):
-                advice = Message("rule.capture-gap.advice.closed")
-                self._report_frame("capture-gap", observation, ".closed", advice)
-            else:
-                self._report_frame("capture-gap", observation, ".part")
-        elif cuts := [problem for problem in problems if problem.code == "cut"]:
+        elif conversation.transport is Transport.TCP and (self._is_resyncing(observation) or cuts):
+            ended = any(problem.reason == STREAM_ENDED for problem in problems)
+            closed = ended and conversation.connection_end is not None
+            advice = Message("rule.capture-gap.advice.closed") if closed else None
+            self._report_frame("capture-gap", observation, ".closed" if closed else ".part", advice)
+        elif cuts:
             self._report_frame("capture-cut", observation, problems=_problem_message(cuts))
         else:
-            self._report_malformed(observation, problems)
+            self._report_malformed(observation, _problem_message(problems))
 
     def on_call(self, call: Call, client: ClientState) -> None:
         copies = call.duplicates
@@ -127,18 +122,12 @@ class WireChecker(RuleChecker):
             self._resync_since.clear()
         self._resync_since[flow] = time
 
-    def _is_incomplete(
-        self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
-    ) -> bool:
-        """Return whether bytes of a TCP stream look damaged only because neighbouring bytes were not
-        captured.
-        """
+    def _is_resyncing(self, observation: _Seen) -> bool:
+        """Return whether bytes look damaged only because the bytes before them were not captured."""
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
-        return any(problem.code == "cut" for problem in problems) or (
-            isinstance(observation.item, Malformed) and since < _RESYNC_WITHIN_NS
-        )
+        return isinstance(observation.item, Malformed) and since < _RESYNC_WITHIN_NS
 
-    def _check_size(self, observation: Observation | FrameObservation, size: int) -> None:
+    def _check_size(self, observation: _Seen, size: int) -> None:
         if observation.flow.conversation.transport is not Transport.UDP or size < CHECKED_FROM_BYTES:
             return
         bytes_, limit = Count(size, "byte"), Count(LARGEST_UDP_FRAME, "byte")
@@ -147,27 +136,20 @@ class WireChecker(RuleChecker):
         elif observation.flow.direction is Direction.REQUEST:
             self._report_frame("near-datagram-limit", observation, size=bytes_, limit=limit)
 
-    def _report_malformed(
-        self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
-    ) -> None:
-        reasons = _problem_message(problems)
+    def _report_malformed(self, observation: _Seen, reasons: Message | str) -> None:
         if observation.flow.direction is Direction.RESPONSE:
             self._report_frame("malformed-reply", observation, problems=reasons)
             return
         transport = observation.flow.conversation.transport
         stops_server = transport is Transport.UDP and observation.item.raw[:1] == bytes((SOH,))
-        self._report_frame(
-            "malformed-request",
-            observation,
-            ".stops-server" if stops_server else "",
-            Message("rule.malformed-request.advice.tcp") if transport is Transport.TCP else None,
-            problems=reasons,
-        )
+        case = ".stops-server" if stops_server else ""
+        advice = Message("rule.malformed-request.advice.tcp") if transport is Transport.TCP else None
+        self._report_frame("malformed-request", observation, case, advice, problems=reasons)
 
     def _report_frame(
         self,
         rule: str,
-        observation: Observation | FrameObservation,
+        observation: _Seen,
         case: str = "",
         advice: Message | None = None,
         **places: PlaceValue,
@@ -203,12 +185,6 @@ def _one_direction(
     )
     rule, frames = RULES["one-direction"], (first.number, last.number)
     return Occurrence(rule, first.time, last.time, conversation, frames, fact, group_key=held)
-
-
-def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:
-    """Return whether a frame is incomplete because its connection ended."""
-    ended = observation.flow.conversation.connection_end is not None
-    return ended and any(problem.reason == STREAM_ENDED for problem in problems)
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:

@@ -146,7 +146,7 @@ class BufferBehaviour:
 
 
 class BufferModel:
-    """Predicts how many set points the buffer held when each set point arrived. Add set points in order."""
+    """Predicts how many set points the buffer held when each set point, added in order, arrived."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
         self._behaviour = behaviour

@@ -152,7 +152,8 @@ class TrajectoryExtractor(PipelineSubscriber):
     def _on_set_points(self, points: SetPointChunk) -> None:
         if self._is_selected_client is not None and not self._is_selected_client(points.builder.conversation):
             return
-        rows = [row for row in _rows_not_refused(points) if self._is_step(points, row)]
+        codes = enumerate(points.table.codes.tolist())
+        rows = [row for row, code in codes if not (code and is_failure(code)) and self._is_step(points, row)]
         if not rows:
             return
         known = self._by_session.get(points.builder.number)
@@ -171,10 +172,6 @@ class TrajectoryExtractor(PipelineSubscriber):
             self._left_out[LeftOutReason.UNREADABLE] += 1
             return False
         return True
-
-
-def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:
-    return (row for row, code in enumerate(points.table.codes.tolist()) if not (code and is_failure(code)))
 
 
 def _begin(points: SetPointChunk, row: int) -> CapturedTrajectory:

@@ -71,11 +71,9 @@ class ControllerState:
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
         """Keep a session until its first set point. Return the session that this drops, or None."""
-        dropped = (
-            self.pending_sessions.pop(next(iter(self.pending_sessions)))
-            if len(self.pending_sessions) >= MAX_PENDING
-            else None
-        )
+        dropped = None
+        if len(self.pending_sessions) >= MAX_PENDING:
+            dropped = self.pending_sessions.pop(next(iter(self.pending_sessions)))
         self.pending_sessions[key] = builder
         return dropped
 
@@ -85,9 +83,8 @@ class ControllerState:
         """
         if not self.pending_sessions:
             return None
-        builder = self.pending_sessions.pop(key, None) or self.pending_sessions.pop(
-            next(iter(self.pending_sessions))
-        )
+        oldest = next(iter(self.pending_sessions))
+        builder = self.pending_sessions.pop(key if key in self.pending_sessions else oldest)
         builder.key = key
         return builder
 

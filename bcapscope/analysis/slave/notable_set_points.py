@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_LISTED = 64
-"""Maximum number of entries in each list of notable set points. A list keeps the first entries, unless its
-description says something else.
-"""
+"""Maximum number of entries in each list of notable set points. Most lists keep the first entries."""
 
 
 class SetPointFact(NamedTuple):

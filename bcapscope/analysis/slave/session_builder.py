@@ -122,10 +122,8 @@ class SlaveSessionBuilder:
         if self.models is None:
             self._first_set_point = FrameTime(batch[0].frame, batch[0].time)
             self.models = SessionModels(self.conversation.transport, slave_setup, batch, self._window)
-        self._last_set_point, self._last_activity = (
-            FrameTime(batch[-1].frame, batch[-1].time),
-            self.last_activity,
-        )
+        self._last_set_point = FrameTime(batch[-1].frame, batch[-1].time)
+        self._last_activity = self.last_activity
         rows = table_of(batch, self.models.origin)
         accepted = np.flatnonzero(rows.answered & (rows.codes < _FAILURES))
         if len(accepted):

@@ -34,17 +34,13 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Time in ns for which the detector holds back a slave-mode session after its end. During this time, the
-detector may still get the call of another client that ended the session.
-"""
+"""Time in ns for which an ended session is held back. The call that ended it may still arrive."""
 
 SILENCE_NS = 1_000_000_000
 """A client that sends no set point during this time before the end of the capture counts as stopped."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time in ns from a failed call of any client until a reply shows that slave mode is off. An earlier
-failed call does not count as the cause.
-"""
+"""Maximum time from a failed call, as the cause, to the reply that shows that slave mode is off."""
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
@@ -144,13 +140,11 @@ class SlaveSessionDetector:
         return tuple(map(self._release, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the slave-mode sessions that were not returned yet, as if the traffic ended now.
-
-        This method changes nothing.
+        """Return the sessions that were not returned yet, as if the traffic ended now. This method changes
+        nothing.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
-                last frame is used instead.
+            ended_at: Time when the traffic ended, ns since 1970, unless the last frame is later.
         """
         # Cached, because a live diagnosis needs the result twice; computing it can take 13 ms.
         unfinished = self._unfinished

@@ -163,9 +163,7 @@ class SessionModels:
         )
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
-        if self._slicer is None:
-            return (), 0
-        return self._slicer.slices()
+        return ((), 0) if self._slicer is None else self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
         """Count the attempts before each set point that were not captured, as skipped serials show."""

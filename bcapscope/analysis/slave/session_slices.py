@@ -71,11 +71,9 @@ class SessionSlicer:
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
         """Return all slices with set points, including the latest, and how many slices were left off."""
-        if self._open is None:
-            return tuple(self._finished), self._left_off
-        if len(self._finished) >= MAX_SLICES:
-            return tuple(self._finished), self._left_off + 1
-        return (*self._finished, self._slice(self._open)), self._left_off
+        latest = [] if self._open is None else [self._slice(self._open)]
+        slices = (*self._finished, *latest)
+        return slices[:MAX_SLICES], self._left_off + len(slices[MAX_SLICES:])
 
     def _fill(
         self, slot: _OpenSlice, rows: SetPointTable, chosen: NDArray[np.int64], cycles: Floats, slacks: Floats

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -92,30 +93,25 @@ class TimingFacts:
     gap_list: tuple[SetPointFact, ...]
 
 
-class _RecommendedTimeout(NamedTuple):
-    name: Message
-    timeout_ms: float
-    tries: int
-    kinds: tuple[ModeKind, ...]
-    udp_only: bool
-    source: str
+def _deadline(name: Message, timeout_ms: float, tries: int, source: str) -> Deadline:
+    return Deadline(name, timeout_ms, tries, late=0, given_up=0, applies=False, source=source)
 
 
-def _ros_timeout(case: str, timeout_ms: float, *kinds: ModeKind) -> _RecommendedTimeout:
+def _ros_deadline(case: str, timeout_ms: float) -> Deadline:
     name = Message(f"timeout.{case}", timeout=Quantity(timeout_ms, "ms"), attempts=Count(3, "attempt"))
-    return _RecommendedTimeout(name, timeout_ms, 3, kinds, False, _DRIVER)
+    return _deadline(name, timeout_ms, 3, _DRIVER)
 
 
 _SYNC = Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry"))
 _ASYNC = Message("timeout.async", timeout=Quantity(2, "ms"))
 
-RECOMMENDED_TIMEOUTS = (
-    _RecommendedTimeout(_SYNC, 2.0, 8, (ModeKind.SYNC,), True, _GUIDE),
-    _RecommendedTimeout(_ASYNC, 2.0, 1, (ModeKind.ASYNC, ModeKind.MODE_1), True, _GUIDE),
-    _ros_timeout("ros-mode-2", 16.0, ModeKind.MODE_2),
-    _ros_timeout("ros-modes-0-1", 8.0, ModeKind.MODE_0, ModeKind.MODE_1),
+RECOMMENDED_TIMEOUTS: tuple[tuple[Deadline, tuple[ModeKind, ...], bool], ...] = (
+    (_deadline(_SYNC, 2.0, 8, _GUIDE), (ModeKind.SYNC,), True),
+    (_deadline(_ASYNC, 2.0, 1, _GUIDE), (ModeKind.ASYNC, ModeKind.MODE_1), True),
+    (_ros_deadline("ros-mode-2", 16.0), (ModeKind.MODE_2,), False),
+    (_ros_deadline("ros-modes-0-1", 8.0), (ModeKind.MODE_0, ModeKind.MODE_1), False),
 )
-"""Recommended time-outs for slvMove."""
+"""Recommended time-outs for slvMove: the modes to which they apply, and whether they are only for UDP."""
 
 
 class CycleGrid(NamedTuple):
@@ -190,7 +186,7 @@ class TimingModel:
         self._latency.add(latencies[answered])
         self._rtt.add((rows.replies - rows.arrivals)[answered] / 1e6)
         judged = latencies[~rows.open]
-        for index, budget in enumerate(RECOMMENDED_TIMEOUTS):
+        for index, (budget, _, _) in enumerate(RECOMMENDED_TIMEOUTS):
             self._late[index] += int(np.count_nonzero(judged > budget.timeout_ms))
             self._given_up[index] += int(np.count_nonzero(judged > budget.timeout_ms * budget.tries))
         known = np.where(rows.open, -1.0, latencies)
@@ -220,7 +216,7 @@ class TimingModel:
             rate_hz=self._rate(),
             latency=self._latency.distribution(bins=True),
             rtt=self._rtt.distribution(),
-            deadlines=tuple(map(self._deadline, RECOMMENDED_TIMEOUTS, self._late, self._given_up)),
+            deadlines=tuple(self._deadlines()),
             slowest=tuple(fact for _, fact in self._slowest),
             slack_ms=self._slack_ms,
             gaps=self._gap_count,
@@ -231,15 +227,9 @@ class TimingModel:
         lasted = self._last - (self._first or 0)
         return (self._count - 1) / (lasted / 1e9) if self._count > 1 and lasted > 0 else None
 
-    def _deadline(self, budget: _RecommendedTimeout, late: int, given_up: int) -> Deadline:
+    def _deadlines(self) -> Iterator[Deadline]:
         kind = None if self._mode is None else self._mode.kind
-        applies = kind in budget.kinds and (self._transport is Transport.UDP or not budget.udp_only)
-        return Deadline(
-            name=budget.name,
-            timeout_ms=budget.timeout_ms,
-            tries=budget.tries,
-            late=late,
-            given_up=given_up,
-            applies=applies,
-            source=budget.source,
-        )
+        counts = zip(RECOMMENDED_TIMEOUTS, self._late, self._given_up, strict=True)
+        for (deadline, kinds, udp_only), late, given_up in counts:
+            applies = kind in kinds and (self._transport is Transport.UDP or not udp_only)
+            yield deadline._replace(late=late, given_up=given_up, applies=applies)

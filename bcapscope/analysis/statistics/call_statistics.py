@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,9 +21,7 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. Once this limit is reached,
-calls of a new kind are counted as `OTHER_KINDS` of their client.
-"""
+"""Pairs of client and call kind that are counted separately. Others are the client's `OTHER_KINDS`."""
 
 MAX_CODES = 16
 """Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
@@ -295,7 +293,7 @@ class SlicedStatistics:
         self._origin: int | None = None
         self._latest = 0
         self._finished_until = 0
-        self._builders: dict[int, StatisticsBuilder] = {}
+        self._builders = defaultdict[int, StatisticsBuilder](StatisticsBuilder)
 
     def add_call(self, call: Call) -> list[Statistics]:
         """Count a call; return the slices of time that are now complete, earliest first."""
@@ -311,11 +309,7 @@ class SlicedStatistics:
         if over > self._finished_until:
             found = self._finish_slices([number for number in self._builders if number < over])
         self._finished_until = over
-        number = (time - self._origin) // self._length
-        summary = self._builders.get(number)
-        if summary is None:
-            summary = self._builders[number] = StatisticsBuilder()
-        summary.add_call(call)
+        self._builders[(time - self._origin) // self._length].add_call(call)
         return found
 
     def close(self) -> list[Statistics]:
