@@ -79,6 +79,7 @@ class Diagnosis(PipelineSubscriber):
         self._session_detector = SlaveSessionDetector()
         checkers = self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
         self._call_checkers = [each for each in checkers if type(each).on_call is not RuleChecker.on_call]
+        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
         self._suspect_frame_handlers = overriding_methods(checkers, RuleChecker.on_suspect_frame)
         self._stray_reply_handlers = overriding_methods(checkers, RuleChecker.on_stray_reply)
         self._new_flow_handlers = overriding_methods(checkers, RuleChecker.on_new_flow)
@@ -122,13 +123,16 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Follow a run of alike set points. The checkers have already got the first set point of this run."""
+        """Pass a run of alike set points to the checkers whose `needs_every_set_point` is true."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:
                 self._selection.on_call(call)
         if self._selected_sessions is not None:
             self._selected_sessions.on_set_points(calls)
+        for check in self._set_point_handlers:
+            for call in calls:
+                check(call, client)
         client.on_set_points(calls)
         sessions = self._session_detector.add_set_points(calls)
         if sessions:

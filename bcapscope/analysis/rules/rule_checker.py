@@ -157,9 +157,7 @@ class RuleChecker:
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. `client` is the state of the call's client before the call. Of each run of
-        alike set points (see `AlikeSetPoints`), `on_call` gets only the first set point.
-        """
+        """Check a completed call. `client` is the state of the call's client before the call."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
