@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place
@@ -104,7 +104,15 @@ class RuleChecker:
     A subclass overrides the methods for the events that it needs. Methods that return problems (`Occurrence`)
     must not change the checker, because bcapscope also calls them while live traffic continues. `by_client`
     holds data about each client until the client is dropped from memory.
+
+    Attributes:
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). There may be
+            millions of set points. If False, `on_call` gets only the first set point of each run of alike set
+            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the
+            client's state before the run.
     """
+
+    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -153,7 +161,9 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result."""
+        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result.
+        `needs_every_set_point` decides whether `on_call` gets alike set points.
+        """
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
