@@ -48,10 +48,6 @@ _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
-def ignore_packet(frame: int, packet: int) -> None:
-    """Do nothing. This function is the default for callers that need not know the packet of a frame."""
-
-
 class PacketDecoder:
     """Turns packets into observations.
 
@@ -73,7 +69,7 @@ class PacketDecoder:
         `interface_prefix`.
         """
         self.counts = CaptureCounts()
-        self.note_packet: Callable[[int, int], object] = ignore_packet
+        self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
         self.comments: dict[int, tuple[str, ...]] = {}
         self._comments_size = 0
         self.end_time = 0
@@ -189,7 +185,7 @@ class PacketDecoder:
             return []
         whole = self._fragments.add(ip, time)
         for _ in range(DEEPEST_TUNNEL):
-            carried = None if whole is None else packet_in_tunnel(whole.packet)
+            carried = None if whole is None else packet_in_tunnel(whole[0])
             if carried is None:
                 break
             whole = self._fragments.add(carried, time)
