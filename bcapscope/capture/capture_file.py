@@ -8,7 +8,7 @@ import stat
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from threading import Event
-from typing import BinaryIO, TypeAlias, cast
+from typing import BinaryIO, cast
 
 from bcapscope.capture.byte_source import GZIP_MAGIC, ByteSource, ChunkReader, GzipReader
 from bcapscope.capture.packet import Packet
@@ -17,8 +17,6 @@ from bcapscope.capture.pcapng import MAGIC, read_pcapng
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
-
-_FormatReader: TypeAlias = Callable[[ByteSource], Iterator[Packet]]
 
 POLL_INTERVAL = 0.02
 """Time in s between two checks for new data. Users do not notice such a short time. Polling is necessary,
@@ -194,7 +192,7 @@ def _open_source(read: ChunkReader) -> ByteSource:
     return source
 
 
-def _reader_for(head: bytes) -> _FormatReader:
+def _reader_for(head: bytes) -> Callable[[ByteSource], Iterator[Packet]]:
     magic = head[:4]
     if magic in MAGICS:
         return read_pcap

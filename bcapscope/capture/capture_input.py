@@ -80,7 +80,7 @@ class CaptureInput:
         decoder = PacketDecoder(known_ports)
         self.captures: CaptureSequence | PlaceDecoder = captures
         self.decoder: PacketDecoder | PlaceDecoder = decoder
-        self._read = lambda: decoder.decode(packets_of(captures))
+        self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(packets_of(captures))
         if len(expanded) > 1:
             from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only several captures need it
             from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
