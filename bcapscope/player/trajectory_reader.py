@@ -24,7 +24,6 @@ import numpy as np
 import orjson
 
 from bcapscope.capture.byte_source import GZIP_MAGIC
-from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.pcap import MAGICS
 from bcapscope.capture.pcapng import MAGIC
 from bcapscope.errors import BcapError, CaptureError
@@ -110,8 +109,7 @@ def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
         if not head:
             raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
-            with open_capture(path) as capture:
-                return read_capture(capture, TrajectorySource(str(path)), options)
+            return read_capture(TrajectorySource(str(path)), options)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:
