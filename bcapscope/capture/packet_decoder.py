@@ -10,12 +10,11 @@ from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.ip_reassembly import IpReassembly
 from bcapscope.capture.link_layer import ETHERNET, IP_OFFSET_FINDERS, NOT_IP, IPPacket, find_ip, read_ip
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.capture.role_detection import BCAP_PORTS, TimedItem
 from bcapscope.capture.tcp_conversations import TcpConversations
 from bcapscope.capture.tcp_reassembly import read_segment
 from bcapscope.capture.tunnel import DEEPEST_TUNNEL, packet_in_tunnel
 from bcapscope.capture.udp_conversations import UdpConversations
-from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, Problem

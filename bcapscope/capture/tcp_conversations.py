@@ -6,14 +6,15 @@ from collections import OrderedDict
 from collections.abc import Collection
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.role_detection import may_begin_frame, server_index_by_port
-from bcapscope.capture.tcp_reassembly import FIN, RST, SYN, TcpConnection, TcpSegment
-from bcapscope.capture.undecided_conversation import (
+from bcapscope.capture.role_detection import (
     TimedItem,
     UndecidedConversation,
     endpoints_of,
+    may_begin_frame,
     reverse_key,
+    server_index_by_port,
 )
+from bcapscope.capture.tcp_reassembly import FIN, RST, SYN, TcpConnection, TcpSegment
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import SMALLEST_FRAME
 from bcapscope.protocol.codec.frame_content import FrameContent
