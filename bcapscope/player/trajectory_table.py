@@ -105,10 +105,9 @@ def _separator(head: Sequence[str]) -> str:
 
 
 def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
-    quoting = csv.QUOTE_MINIMAL
+    reader = csv.reader(lines, delimiter=separator)
     if separator == " ":
-        lines, quoting = (" ".join(line.split()) for line in lines), csv.QUOTE_NONE
-    reader = csv.reader(lines, delimiter=separator, quoting=quoting)
+        reader = csv.reader((" ".join(line.split()) for line in lines), delimiter=" ", quoting=csv.QUOTE_NONE)
     try:
         for cells in reader:
             if any(cells) and not cells[0].lstrip().startswith("#"):
