@@ -10,9 +10,8 @@ from __future__ import annotations
 import ipaddress
 import struct
 from functools import lru_cache
-from io import RawIOBase
-from typing import BinaryIO
 
+from bcapscope.capture.append_log import ByteSink
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter
 
@@ -54,7 +53,7 @@ class SocketRecording:
     the comment of the packet.
     """
 
-    def __init__(self, file: BinaryIO | RawIOBase) -> None:
+    def __init__(self, file: ByteSink) -> None:
         """Write the header of the capture to `file`.
 
         The file must be unbuffered, or the caller must flush it.
@@ -66,7 +65,7 @@ class SocketRecording:
     def packet_count(self) -> int:
         return self._writer.packet_count
 
-    def continue_in(self, file: BinaryIO | RawIOBase) -> None:
+    def continue_in(self, file: ByteSink) -> None:
         """Write all further packets to another file, which readers can open without the previous file."""
         self._writer = PcapngWriter(file)
 
