@@ -26,6 +26,7 @@ because not every operating system can report that a file has grown.
 """
 
 
+_READERS = {**dict.fromkeys(MAGICS, read_pcap), MAGIC: read_pcapng}
 _OTHER_FORMATS = {
     b"\xa1\xb2\xcd\x34": "kuznetzov",
     b"\x34\xcd\xb2\xa1": "kuznetzov",
@@ -182,7 +183,7 @@ def _is_capture(path: str) -> bool:
         return True
     except CaptureError:
         return False
-    return head in MAGICS or head == MAGIC
+    return head in _READERS
 
 
 def _open_source(read: ChunkReader) -> ByteSource:
@@ -196,10 +197,8 @@ def _open_source(read: ChunkReader) -> ByteSource:
 
 def _reader_for(head: bytes) -> Callable[[ByteSource], Iterator[Packet]]:
     magic = head[:4]
-    if magic in MAGICS:
-        return read_pcap
-    if magic == MAGIC:
-        return read_pcapng
+    if magic in _READERS:
+        return _READERS[magic]
     if not head:
         raise CaptureError(Message("capture.empty"), 0)
     if magic in _OTHER_FORMATS:

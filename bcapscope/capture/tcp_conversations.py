@@ -135,9 +135,8 @@ class TcpConversations:
         if tracked.conversation is None and segment.data:
             tracked.conversation = _recognise_bcap(tracked, sender, segment)
             if tracked.conversation is None:
-                tracked.connection.close(time, packet)
-                tracked.connection = TcpConnection(self._budget, self._templates)
-                self._counts.not_bcap += 1
+                tracked.unconfirmed_segments = 1
+                self._reset_as_not_bcap(tracked)
                 return []
         items = tracked.connection.receive(sender, segment, time, packet)
         if tracked.conversation is None:
