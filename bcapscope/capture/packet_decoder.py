@@ -141,9 +141,7 @@ class PacketDecoder:
         finally:
             counts.packets = packet
             counts.items = number
-        rest = self._udp.close() + self._tcp.close(time, packet)
-        self._fragments.close()
-        for flow, sighting in rest:
+        for flow, sighting in self._flush(time, packet):
             counts.items += 1
             note(counts.items, sighting.packet)
             yield self._make_observation(counts.items, flow, sighting)
@@ -229,6 +227,10 @@ class PacketDecoder:
             self.counts.broken += 1
             return []
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
+
+    def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
+        self._fragments.close()
+        return self._udp.close() + self._tcp.close(time, packet)
 
 
 def _truncation_problem(there: int, size: int, cut: bool) -> Problem:
