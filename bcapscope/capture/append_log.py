@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
-from io import RawIOBase
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 _READ_AHEAD = 64 * 1024
 """Number of bytes per read. A screen shows adjacent records, so one read often covers all of them."""
@@ -54,7 +53,13 @@ class AppendLogWriter:
         self._index.close()
 
 
-def write_all(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
+class ByteSink(Protocol):
+    """A file that is open for writing, or an object that takes bytes in the same way."""
+
+    def write(self, data: bytes | bytearray | memoryview, /) -> int | None: ...
+
+
+def write_all(file: ByteSink, data: bytes | bytearray) -> None:
     """Write all of `data`, or raise OSError. One write to an unbuffered file may accept only a part."""
     written = file.write(data) or 0
     while written < len(data):

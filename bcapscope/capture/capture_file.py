@@ -7,8 +7,7 @@ import os
 import stat
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from threading import Event
-from typing import BinaryIO, TypeAlias, cast
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 from bcapscope.capture.byte_source import GZIP_MAGIC, ByteSource, ChunkReader, GzipReader
 from bcapscope.capture.packet import Packet
@@ -18,7 +17,8 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 
-_FormatReader: TypeAlias = Callable[[ByteSource], Iterator[Packet]]
+if TYPE_CHECKING:
+    from threading import Event
 
 POLL_INTERVAL = 0.02
 """Time in s between two checks for new data. Users do not notice such a short time. Polling is necessary,
@@ -26,6 +26,7 @@ because not every operating system can report that a file has grown.
 """
 
 
+_READERS = {**dict.fromkeys(MAGICS, read_pcap), MAGIC: read_pcapng}
 _OTHER_FORMATS = {
     b"\xa1\xb2\xcd\x34": "kuznetzov",
     b"\x34\xcd\xb2\xa1": "kuznetzov",
@@ -182,7 +183,7 @@ def _is_capture(path: str) -> bool:
         return True
     except CaptureError:
         return False
-    return head in MAGICS or head == MAGIC
+    return head in _READERS
 
 
 def _open_source(read: ChunkReader) -> ByteSource:
@@ -194,12 +195,10 @@ def _open_source(read: ChunkReader) -> ByteSource:
     return source
 
 
-def _reader_for(head: bytes) -> _FormatReader:
+def _reader_for(head: bytes) -> Callable[[ByteSource], Iterator[Packet]]:
     magic = head[:4]
-    if magic in MAGICS:
-        return read_pcap
-    if magic == MAGIC:
-        return read_pcapng
+    if magic in _READERS:
+        return _READERS[magic]
     if not head:
         raise CaptureError(Message("capture.empty"), 0)
     if magic in _OTHER_FORMATS:

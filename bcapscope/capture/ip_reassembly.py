@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import accumulate
-from typing import NamedTuple
 
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.link_layer import IPPacket
@@ -22,18 +21,6 @@ LARGEST_PAYLOAD = 65535
 """Longest payload of a fragmented IP packet, in bytes (RFC 791; RFC 8200 for IPv6)."""
 
 _PART_COST = 128  # bytes of memory that a fragment takes in addition to its content
-
-
-class ReassembledPacket(NamedTuple):
-    """A packet that was put together from its fragments.
-
-    Attributes:
-        packet: The whole packet.
-        began: Capture time of the first fragment, ns since 1970.
-    """
-
-    packet: IPPacket
-    began: int
 
 
 class _PartialPacket:
@@ -97,14 +84,15 @@ class IpReassembly:
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0
 
-    def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
-        """Add a fragment and return the packet that the fragment completes; None while fragments are missing.
+    def add(self, packet: IPPacket, time: int) -> tuple[IPPacket, int] | None:
+        """Add a fragment; return the packet that it completes, and the capture time of the first fragment.
 
-        A packet that is not fragmented is returned unchanged. `time` is the capture time, ns since 1970.
+        Return None while fragments are missing. A packet that is not fragmented is returned unchanged. Times
+        are in ns since 1970.
         """
         fragment = packet.fragment
         if fragment is None:
-            return ReassembledPacket(packet, time)
+            return packet, time
         self._drop_expired(time)
         parts = self._incomplete.get(fragment.key)
         if parts is None:
@@ -120,7 +108,7 @@ class IpReassembly:
         if payload is None or parts.protocol is None:
             return None
         self._remove(fragment.key)
-        return ReassembledPacket(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
+        return IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began
 
     def close(self) -> None:
         self._counts.fragments_lost += len(self._incomplete)

@@ -99,25 +99,22 @@ def read_ip(data: bytes, offset: int) -> IPPacket | None:
     return _read_ipv6(data, offset) if version == 6 else None
 
 
-def _ip_after_type(data: bytes, offset: int) -> int:
-    """Find the IP header after a type field. Skip VLAN tags, LLC with SNAP, and a PPPoE header."""
-    kind = int.from_bytes(data[offset : offset + 2])
+def _ip_in_payload(data: bytes, kind: int, offset: int) -> int:
+    """Find the IP header in a payload of the Ethernet type `kind`. Skip VLAN tags, LLC with SNAP, and a PPPoE
+    header.
+    """
     while kind in _VLAN_TAGS:
+        kind = int.from_bytes(data[offset + 2 : offset + 4])
         offset += 4
-        kind = int.from_bytes(data[offset : offset + 2])
     if kind <= _MAX_LENGTH_FIELD:
-        offset, kind = _type_after_llc(data, offset + 2)
+        if not data.startswith(_SNAP, offset):
+            return NOT_IP
+        offset += len(_SNAP)
+        kind = int.from_bytes(data[offset : offset + 2])
+        offset += 2
     if kind == _PPPOE:
-        return _ip_after_ppp(data, offset + 2 + _PPPOE_SIZE)
-    return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
-
-
-def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
-    """Return the offset and the value of the type field after LLC and SNAP; value 0 if SNAP is missing."""
-    if not data.startswith(_SNAP, offset):
-        return offset, 0
-    offset += len(_SNAP)
-    return offset, int.from_bytes(data[offset : offset + 2])
+        return _ip_after_ppp(data, offset + _PPPOE_SIZE)
+    return offset if kind in (_IPV4, _IPV6) else NOT_IP
 
 
 def _ip_after_ppp(data: bytes, offset: int) -> int:
@@ -135,16 +132,6 @@ def _ppp(data: bytes) -> int:
     return _ip_after_ppp(data, len(_PPP_FRAMING) if data.startswith(_PPP_FRAMING) else 0)
 
 
-def _cooked_2(data: bytes) -> int:
-    kind = int.from_bytes(data[:2])
-    if kind in _VLAN_TAGS:
-        return _ip_after_type(data, 22)
-    offset = 18
-    if kind <= _MAX_LENGTH_FIELD:
-        offset, kind = _type_after_llc(data, 20)
-    return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
-
-
 def _loopback(data: bytes) -> int:
     """Return the offset of the byte after a loopback packet's address family, or `NOT_IP`.
 
@@ -160,17 +147,17 @@ def _raw(_: bytes) -> int:
 
 IP_OFFSET_FINDERS: dict[int, Callable[[bytes], int]] = {
     0: _loopback,
-    ETHERNET: lambda data: _ip_after_type(data, 12),
+    ETHERNET: lambda data: _ip_in_payload(data, int.from_bytes(data[12:14]), 14),
     9: _ppp,
     12: _raw,
     14: _raw,
     50: _ppp,
     101: _raw,
     108: _loopback,
-    LINUX_COOKED: lambda data: _ip_after_type(data, 14),
+    LINUX_COOKED: lambda data: _ip_in_payload(data, int.from_bytes(data[14:16]), 16),
     228: _raw,
     229: _raw,
-    LINUX_COOKED_2: _cooked_2,
+    LINUX_COOKED_2: lambda data: _ip_in_payload(data, int.from_bytes(data[:2]), 20),
 }
 """For each link type, the function that returns the offset of the IP header."""
 

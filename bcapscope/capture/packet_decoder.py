@@ -10,12 +10,11 @@ from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.ip_reassembly import IpReassembly
 from bcapscope.capture.link_layer import ETHERNET, IP_OFFSET_FINDERS, NOT_IP, IPPacket, find_ip, read_ip
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.capture.role_detection import BCAP_PORTS, TimedItem
 from bcapscope.capture.tcp_conversations import TcpConversations
 from bcapscope.capture.tcp_reassembly import read_segment
 from bcapscope.capture.tunnel import DEEPEST_TUNNEL, packet_in_tunnel
 from bcapscope.capture.udp_conversations import UdpConversations
-from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, Problem
@@ -48,10 +47,6 @@ _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
-def ignore_packet(frame: int, packet: int) -> None:
-    """Do nothing. This function is the default for callers that need not know the packet of a frame."""
-
-
 class PacketDecoder:
     """Turns packets into observations.
 
@@ -73,7 +68,7 @@ class PacketDecoder:
         `interface_prefix`.
         """
         self.counts = CaptureCounts()
-        self.note_packet: Callable[[int, int], object] = ignore_packet
+        self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
         self.comments: dict[int, tuple[str, ...]] = {}
         self._comments_size = 0
         self.end_time = 0
@@ -146,9 +141,7 @@ class PacketDecoder:
         finally:
             counts.packets = packet
             counts.items = number
-        rest = self._udp.close() + self._tcp.close(time, packet)
-        self._fragments.close()
-        for flow, sighting in rest:
+        for flow, sighting in self._flush(time, packet):
             counts.items += 1
             note(counts.items, sighting.packet)
             yield self._make_observation(counts.items, flow, sighting)
@@ -189,7 +182,7 @@ class PacketDecoder:
             return []
         whole = self._fragments.add(ip, time)
         for _ in range(DEEPEST_TUNNEL):
-            carried = None if whole is None else packet_in_tunnel(whole.packet)
+            carried = None if whole is None else packet_in_tunnel(whole[0])
             if carried is None:
                 break
             whole = self._fragments.add(carried, time)
@@ -234,6 +227,10 @@ class PacketDecoder:
             self.counts.broken += 1
             return []
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
+
+    def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
+        self._fragments.close()
+        return self._udp.close() + self._tcp.close(time, packet)
 
 
 def _truncation_problem(there: int, size: int, cut: bool) -> Problem:

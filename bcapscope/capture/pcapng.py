@@ -47,12 +47,6 @@ class _InterfaceClock(NamedTuple):
     snaplen: int
 
 
-class _DamagedBlockError(Exception):
-    def __init__(self, reason: Message) -> None:
-        super().__init__(reason)
-        self.reason = reason
-
-
 def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
@@ -88,10 +82,10 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
         try:
             size = section.block_size(data, position)
             packet = section.read_block(data, position, size, time) if size else None
-        except _DamagedBlockError as damage:
+        except CaptureError as damage:
             at = source.offset + position
             raise CaptureError(
-                Message("capture.damaged.block", offset=at, packets=count, reason=damage.reason), at
+                Message("capture.damaged.block", offset=at, packets=count, reason=damage.message), at
             ) from None
         position += size
         if packet is not None:
@@ -123,7 +117,7 @@ class _Section:
         try:
             return struct.unpack_from(self._order + form, data, position)
         except struct.error:
-            raise _DamagedBlockError(Message("capture.block.too-small", length=len(data))) from None
+            raise CaptureError(Message("capture.block.too-small", length=len(data))) from None
 
     def block_size(self, data: bytes, position: int) -> int:
         """Return the size of the block at `position` in bytes; 0 if `data` does not hold the whole block."""
@@ -133,11 +127,11 @@ class _Section:
         if data[position : position + 4] == MAGIC:
             order = _ORDERS.get(data[position + 8 : position + 12])
             if order is None:
-                raise _DamagedBlockError(Message("capture.block.no-byte-order"))
+                raise CaptureError(Message("capture.block.no-byte-order"))
             self._set_byte_order(order)
         (size,) = self._unpack("I", data, position + 4)
         if size < _BLOCK_OVERHEAD or size % 4 or size > BLOCK_LIMIT:
-            raise _DamagedBlockError(Message("capture.block.length", length=size))
+            raise CaptureError(Message("capture.block.length", length=size))
         return size if size <= there else 0
 
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
@@ -149,7 +143,7 @@ class _Section:
         body = data[position + 8 : position + size - 4]
         (again,) = self._unpack("I", data, position + size - 4)
         if again != size:
-            raise _DamagedBlockError(Message("capture.block.two-lengths", first=size, second=again))
+            raise CaptureError(Message("capture.block.two-lengths", first=size, second=again))
         if kind == _SECTION:
             self._check_version(body)
         elif kind == _INTERFACE:
@@ -167,12 +161,12 @@ class _Section:
     def _check_version(self, body: bytes) -> None:
         _, major, minor = self._unpack("IHH", body)
         if major != 1:
-            raise _DamagedBlockError(Message("capture.block.version", version=f"{major}.{minor}"))
+            raise CaptureError(Message("capture.block.version", version=f"{major}.{minor}"))
 
     def _add_interface(self, body: bytes) -> None:
         linktype, _, snaplen = self._unpack("HHI", body)
         if len(self.clocks) == INTERFACES_LIMIT:
-            raise _DamagedBlockError(Message("capture.block.interfaces", limit=INTERFACES_LIMIT))
+            raise CaptureError(Message("capture.block.interfaces", limit=INTERFACES_LIMIT))
         name, factor, divisor, offset = "", 1000, 1, 0
         for code, value in self._options(body, 8):
             if code == _NAME:
@@ -190,13 +184,13 @@ class _Section:
                 return
             start = position + 4
             if start + size > len(body):
-                raise _DamagedBlockError(Message("capture.block.option", length=size, left=len(body) - start))
+                raise CaptureError(Message("capture.block.option", length=size, left=len(body) - start))
             yield code, body[start : start + size]
             position = start + (size + 3 & ~3)
 
     def _clock_of(self, number: int) -> _InterfaceClock:
         if number >= len(self.clocks):
-            raise _DamagedBlockError(Message("capture.block.no-interface", number=number))
+            raise CaptureError(Message("capture.block.no-interface", number=number))
         return self.clocks[number]
 
     def _make_packet(self, body: bytes, number: int, rest: list[int]) -> Packet:
@@ -204,7 +198,7 @@ class _Section:
         high, low, kept, original = rest
         stop = 20 + kept
         if stop > len(body):
-            raise _DamagedBlockError(Message("capture.block.packet", length=kept, room=len(body) - 20))
+            raise CaptureError(Message("capture.block.packet", length=kept, room=len(body) - 20))
         time = (high << 32 | low) * factor // divisor + offset
         return time, body[20:stop], original, interface, self._comments(body, stop + 3 & ~3)
 
@@ -224,7 +218,7 @@ class _Section:
         (original,) = self._unpack("I", body)
         kept = min(original, clock.snaplen or original)
         if kept > len(body) - 4:
-            raise _DamagedBlockError(Message("capture.block.packet", length=kept, room=len(body) - 4))
+            raise CaptureError(Message("capture.block.packet", length=kept, room=len(body) - 4))
         return time, body[4 : 4 + kept], original, clock.interface, ()
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from io import RawIOBase
-from typing import BinaryIO, TypeAlias
+from typing import TypeAlias
 
-from bcapscope.capture.append_log import write_all
+from bcapscope.capture.append_log import ByteSink, write_all
 from bcapscope.capture.packet import Interface, Packet
 
 _SECTION_BLOCK, _INTERFACE_BLOCK, _PACKET_BLOCK = 0x0A0D0D0A, 1, 6
@@ -38,7 +37,7 @@ class PcapngWriter:
         packet_count: Number of packets written so far.
     """
 
-    def __init__(self, file: BinaryIO | RawIOBase) -> None:
+    def __init__(self, file: ByteSink) -> None:
         """Write the section header to `file`. If the file is buffered, the caller must flush it."""
         self._file = file
         self._interfaces: dict[Interface, int] = {}
@@ -127,7 +126,7 @@ class PcapngWriter:
         return number
 
 
-def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:
+def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: ByteSink) -> int:
     """Copy packets to a new capture with the user's notes as comments; return the number of packets.
 
     `notes` has the user's note for each packet; the key is the packet number, from 1. An empty note only

@@ -10,7 +10,7 @@ from operator import itemgetter
 
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
-from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder, ignore_packet
+from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
 from bcapscope.capture.place_plan import PlacePlan
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -40,7 +40,7 @@ class PlaceDecoder:
     ) -> None:
         """Prepare to decode captures. `open_sequence` opens files as a `CaptureSequence`."""
         self.comments: dict[int, tuple[str, ...]] = {}
-        self.note_packet: Callable[[int, int], object] = ignore_packet
+        self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
         self._sources: list[_Source] = []
         base = 0
         for group in _grouped(plans):

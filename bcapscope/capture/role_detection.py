@@ -5,14 +5,24 @@ No field of a frame names the server, but ports and content usually show which e
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Collection
+from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import MAX_RESYNC_ARGUMENTS
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
-from bcapscope.traffic.observation import Direction, ServerEvidence, ServerEvidenceKind
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 
 BCAP_PORTS = frozenset({5007})
 """Ports on which controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
@@ -24,6 +34,19 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
 }
 """For each argument type in the function table, the VARIANT types that clients send. An argument declared as
 VARIANT may have any type.
+"""
+
+
+HELD_ITEMS_LIMIT = 64
+"""While the server of a conversation is unknown, bcapscope holds back at most this many items of the
+conversation. When this number is reached, bcapscope guesses the server. A single S_OK reply or a single
+request identifies the server, so real traffic needs one or two items.
+"""
+
+HELD_BYTES_LIMIT = 16 * 1024
+"""While the server of a conversation is unknown, bcapscope holds back items of at most this total size in
+bytes. When this size is reached, bcapscope guesses the server. Frames of real sessions have less than 10 KiB.
+The server of up to 2,048 conversations can be unknown at a time.
 """
 
 
@@ -84,3 +107,114 @@ def is_whole_frames(data: bytes) -> bool:
             return False
         start = stop
     return bool(data)
+
+
+def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
+    """Decode a key: return the two endpoints that it contains. A key has both addresses and then both ports,
+    as in a packet.
+    """
+    size = (len(key) - 4) // 2
+    family = socket.AF_INET if size == 4 else socket.AF_INET6
+    hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
+    ports = (int.from_bytes(key[-4:-2]), int.from_bytes(key[-2:]))
+    return Endpoint(hosts[0], ports[0]), Endpoint(hosts[1], ports[1])
+
+
+def reverse_key(key: bytes) -> bytes:
+    size = (len(key) - 4) // 2
+    return key[size:-4] + key[:size] + key[-2:] + key[-4:-2]
+
+
+class TimedItem(NamedTuple):
+    """A frame, or bytes that are not a frame, with arrival times.
+
+    Attributes:
+        began: Arrival time of the item's first byte, ns since 1970.
+        time: Arrival time of the item's last byte, ns since 1970.
+        packet: Number of the packet that carried the item's last byte.
+        item: The frame, or the bytes that are not a frame.
+    """
+
+    began: int
+    time: int
+    packet: int
+    item: Frame | Malformed
+
+
+class UndecidedConversation:
+    """Holds the items that two ends send each other over one transport, until it is known which end is the
+    server.
+
+    Attributes:
+        flows: Flow of each sender, by index 0 or 1; None until the server is known.
+        is_tentative: Whether the traffic may still turn out not to be b-CAP.
+    """
+
+    def __init__(
+        self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
+    ) -> None:
+        """Create a conversation.
+
+        If `is_tentative` is True, the first frame must be valid, or the conversation does not count as b-CAP.
+        """
+        self._ends = ends
+        self._transport = transport
+        self.is_tentative = is_tentative
+        self._held_items: list[tuple[int, TimedItem]] = []
+        self._held_bytes = 0
+        # Time when each stream ended. The key is a pair: the sender, and whether a RST ended the stream.
+        self._closed: dict[tuple[int, bool], int] = {}
+        self.flows: tuple[Flow, Flow] | None = None
+
+    def set_server(self, server: int, evidence: ServerEvidence) -> None:
+        """Set the server: its index, 0 or 1, and the evidence that shows it."""
+        conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
+        request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
+        self.flows = (response, request) if server == 0 else (request, response)
+        for (sender, reset), time in self._closed.items():
+            self.record_close(sender, reset, time)
+
+    def guess_server(self) -> None:
+        """Guess the server if it is still unknown; usually, the end that sends first is the client."""
+        if self.flows is None:
+            client = self._held_items[0][0] if self._held_items else 0
+            self.set_server(1 - client, ServerEvidence(ServerEvidenceKind.GUESS))
+
+    def record_close(self, sender: int, reset: bool, time: int) -> None:
+        if self.flows is None:
+            self._closed.setdefault((sender, reset), time)
+        else:
+            flow = self.flows[sender]
+            flow.conversation.record_end(flow.direction, reset, time)
+
+    def add_item(self, sender: int, timed_item: TimedItem) -> bool:
+        """Hold an item until `release_items` is called.
+
+        Return False if the item proves that the conversation is not b-CAP.
+        """
+        if self.is_tentative:
+            if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
+                return False
+            self.is_tentative = False
+        self._held_items.append((sender, timed_item))
+        if self.flows is None:
+            self._check_evidence(sender, timed_item.item)
+        return True
+
+    def _check_evidence(self, sender: int, item: Frame | Malformed) -> None:
+        found = direction_evidence(item)
+        if found is not None:
+            direction, evidence = found
+            self.set_server(sender if direction is Direction.RESPONSE else 1 - sender, evidence)
+            return
+        self._held_bytes += len(item.raw)
+        if len(self._held_items) >= HELD_ITEMS_LIMIT or self._held_bytes >= HELD_BYTES_LIMIT:
+            self.guess_server()
+
+    def release_items(self) -> list[tuple[Flow, TimedItem]]:
+        """Return the items added since the previous `release_items`; none while the server is unknown."""
+        if self.flows is None or not self._held_items:
+            return []
+        flows, held = self.flows, self._held_items
+        self._held_items = []
+        return [(flows[sender], sighting) for sender, sighting in held]

@@ -76,7 +76,7 @@ def parse_rotation(text: str) -> RotationLimits:
     return RotationLimits(int(found[1]), size, seconds)
 
 
-class RotatingRecording(io.RawIOBase):
+class RotatingRecording:
     """Writes a recording to one file or to a ring of files. Blocks are pending until `flush` writes all of
     them together.
 
@@ -106,7 +106,6 @@ class RotatingRecording(io.RawIOBase):
         Raises:
             OSError: The file cannot be written.
         """
-        super().__init__()
         self._path = path
         self._limits = limits
         self._pending: list[bytes] = []
@@ -114,25 +113,18 @@ class RotatingRecording(io.RawIOBase):
         self._files: deque[Path] = deque()
         self._file_count = 0
         self.files_freed = 0
-        try:
-            self._open_next_file()
-        except OSError:
-            # Close the object now: Python would otherwise call `close` later, when there is no file to close.
-            super().close()
-            raise
+        self._is_closed = False
+        self._open_next_file()
         self.recording = SocketRecording(self)
         self._write_file_header()
 
-    def writable(self) -> bool:
-        return True
-
-    def write(self, data: bytes, /) -> int:  # type: ignore[override]  # takes whole blocks as bytes
+    def write(self, data: bytes | bytearray | memoryview, /) -> int:
         """Add whole pcapng blocks. The next `flush` writes them to the file.
 
         After `close`, added blocks are dropped.
         """
-        if not self.closed:
-            self._pending.append(data)
+        if not self._is_closed:
+            self._pending.append(bytes(data))
             self._added += len(data)
         return len(data)
 
@@ -219,7 +211,7 @@ class RotatingRecording(io.RawIOBase):
     def close(self) -> None:
         """Close the file. Blocks that were added after the last `flush` are lost."""
         self._drop_pending()
-        super().close()
+        self._is_closed = True
         self._file.close()
 
     def _drop_pending(self) -> None:

@@ -17,7 +17,7 @@ import sys
 import time
 from collections.abc import Iterator
 from enum import IntEnum
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
 """Head of a record, little-endian: kind, time in ns since 1970-01-01 UTC (in a `READY` record, the link
@@ -43,36 +43,17 @@ class SnifferRecordKind(IntEnum):
     """The capture ended; the record's data is the reason as UTF-8."""
 
 
-class ScapySource:
-    """scapy's capture socket on this system.
-
-    Attributes:
-        linktype: Link type of the packets, a number of the LINKTYPE_ list.
+def captured_packets(scapy_socket: Any) -> Iterator[tuple[int, bytes] | None]:
+    """Yield each packet as time (ns since 1970) and bytes; yield None after each `READ_TIMEOUT` without a
+    packet.
     """
-
-    def __init__(self, name: str) -> None:
-        """Start to capture on an interface.
-
-        Raises:
-            PermissionError: The process has no permission to capture. OSError, Scapy_Exception: The interface
-            cannot be captured.
-        """
-        from scapy.all import conf, resolve_iface  # noqa: PLC0415 - takes a second
-
-        self._socket = resolve_iface(name).l2listen()(iface=name)
-        self.linktype: int = conf.l2types.layer2num.get(self._socket.LL, 1)
-
-    def packets(self) -> Iterator[tuple[int, bytes] | None]:
-        """Yield each packet as time (ns since 1970) and bytes; yield None after each `READ_TIMEOUT` without a
-        packet.
-        """
-        while True:
-            if not self._socket.select([self._socket], READ_TIMEOUT):
-                yield None
-                continue
-            _, data, seconds = self._socket.recv_raw()
-            if data is not None:
-                yield time.time_ns() if seconds is None else round(seconds * 1_000_000_000), bytes(data)
+    while True:
+        if not scapy_socket.select([scapy_socket], READ_TIMEOUT):
+            yield None
+            continue
+        _, data, seconds = scapy_socket.recv_raw()
+        if data is not None:
+            yield time.time_ns() if seconds is None else round(seconds * 1_000_000_000), bytes(data)
 
 
 def main(name: str, out: BinaryIO) -> None:
@@ -83,9 +64,11 @@ def main(name: str, out: BinaryIO) -> None:
         out.flush()
 
     try:
-        source = ScapySource(name)
-        write(SnifferRecordKind.READY, source.linktype)
-        for packet in source.packets():
+        from scapy.all import conf, resolve_iface  # noqa: PLC0415 - takes a second
+
+        scapy_socket = resolve_iface(name).l2listen()(iface=name)
+        write(SnifferRecordKind.READY, conf.l2types.layer2num.get(scapy_socket.LL, 1))
+        for packet in captured_packets(scapy_socket):
             if packet is None:
                 write(SnifferRecordKind.ALIVE)
             else:

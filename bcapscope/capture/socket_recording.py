@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import ipaddress
 import struct
-from io import RawIOBase
-from typing import BinaryIO
+from functools import lru_cache
 
+from bcapscope.capture.append_log import ByteSink
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter
 
@@ -38,7 +38,7 @@ between the same ends therefore starts with a higher number (RFC 9293, 3.4.1).
 """
 
 _MAX_HEADERS = 4096
-"""Maximum number of cached datagram headers, and of cached IP headers."""
+"""Maximum number of cached datagram headers, and of cached pairs of addresses."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -53,21 +53,19 @@ class SocketRecording:
     the comment of the packet.
     """
 
-    def __init__(self, file: BinaryIO | RawIOBase) -> None:
+    def __init__(self, file: ByteSink) -> None:
         """Write the header of the capture to `file`.
 
         The file must be unbuffered, or the caller must flush it.
         """
         self._sequence: dict[tuple[Address, Address], int] = {}
-        self._ip_headers: dict[tuple[str, str], _IpHeaderTemplate] = {}
-        self._datagram_headers: dict[tuple[Address, Address, int], bytes] = {}
         self._writer = PcapngWriter(file)
 
     @property
     def packet_count(self) -> int:
         return self._writer.packet_count
 
-    def continue_in(self, file: BinaryIO | RawIOBase) -> None:
+    def continue_in(self, file: ByteSink) -> None:
         """Write all further packets to another file, which readers can open without the previous file."""
         self._writer = PcapngWriter(file)
 
@@ -85,7 +83,7 @@ class SocketRecording:
         interface: Interface = _UNNAMED_INTERFACE,
         comment: str = "",
     ) -> None:
-        packet = self._datagram_header(source, target, len(data)) + data
+        packet = _datagram_header(source, target, len(data)) + data
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
@@ -94,8 +92,7 @@ class SocketRecording:
         `write_blocks` takes the encoded packets. Do not use the function after `continue_in` was called.
         """
         first, second = (
-            (where, self._datagram_header(source, target, size))
-            for source, target, where in (incoming, outgoing)
+            (where, _datagram_header(source, target, size)) for source, target, where in (incoming, outgoing)
         )
         return self._writer.pair_encoder(first, second, size)
 
@@ -165,47 +162,35 @@ class SocketRecording:
         acknowledged = self._sequence.get((target, source), 1) if flags & _ACK else 0
         self._sequence[source, target] = sent + len(data) + bool(flags & (_SYN | _FIN)) & 0xFFFFFFFF
         head = _SEGMENT.pack(source[1], target[1], sent, acknowledged, 5 << 12 | flags, 65535, 0, 0)
-        packet = b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
+        packet = b"".join((_ip_header(source, target, _TCP, 20 + len(data)), head, data))
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
-    def _datagram_header(self, source: Address, target: Address, size: int) -> bytes:
-        head = self._datagram_headers.get((source, target, size))
-        if head is None:
-            if len(self._datagram_headers) >= _MAX_HEADERS:
-                self._datagram_headers.clear()
-            udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
-            head = self._ip_header(source, target, _UDP, 8 + size) + udp
-            self._datagram_headers[source, target, size] = head
-        return head
 
-    def _ip_header(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
-        template = self._ip_headers.get((source[0], target[0]))
-        if template is None:
-            if len(self._ip_headers) >= _MAX_HEADERS:
-                self._ip_headers.clear()
-            template = self._ip_headers[source[0], target[0]] = _IpHeaderTemplate(source[0], target[0])
-        return template.header(protocol, size)
+@lru_cache(_MAX_HEADERS)
+def _datagram_header(source: Address, target: Address, size: int) -> bytes:
+    udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
+    return _ip_header(source, target, _UDP, 8 + size) + udp
 
 
-class _IpHeaderTemplate:
-    """The constant part of the IP headers from one host to another. The headers are IPv6 if one of the hosts
-    has an IPv6 address.
-    """
+def _ip_header(source: Address, target: Address, protocol: int, size: int) -> bytes:
+    """Return the IP header of a packet. It is an IPv6 header if one of the hosts has an IPv6 address."""
+    addresses, total = _addresses_and_sum(source[0], target[0])
+    if len(addresses) > 8:
+        return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, addresses)
+    length = 20 + size & 0xFFFF
+    total += 0x4500 + length + 0x4000 + (64 << 8 | protocol)  # the checksum of RFC 791
+    total = (total & 0xFFFF) + (total >> 16)
+    checksum = ~(total + (total >> 16)) & 0xFFFF
+    return _IPV4.pack(0x45, 0, length, 0, 0x4000, 64, protocol, checksum, addresses)
 
-    def __init__(self, source: str, target: str) -> None:
-        ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
-        wide = any(end.version == 6 for end in ends)
-        self._addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)
-        self._sum = sum(struct.unpack(f">{len(self._addresses) // 2}H", self._addresses))
 
-    def header(self, protocol: int, size: int) -> bytes:
-        if len(self._addresses) > 8:
-            return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, self._addresses)
-        length = 20 + size & 0xFFFF
-        total = self._sum + 0x4500 + length + 0x4000 + (64 << 8 | protocol)  # the checksum of RFC 791
-        total = (total & 0xFFFF) + (total >> 16)
-        checksum = ~(total + (total >> 16)) & 0xFFFF
-        return _IPV4.pack(0x45, 0, length, 0, 0x4000, 64, protocol, checksum, self._addresses)
+@lru_cache(_MAX_HEADERS)
+def _addresses_and_sum(source: str, target: str) -> tuple[bytes, int]:
+    """Return the addresses of an IP header, and their part of the checksum."""
+    ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
+    wide = any(end.version == 6 for end in ends)
+    addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)
+    return addresses, sum(struct.unpack(f">{len(addresses) // 2}H", addresses))
 
 
 def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:

@@ -6,14 +6,15 @@ from collections import OrderedDict
 from collections.abc import Collection
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.role_detection import may_begin_frame, server_index_by_port
-from bcapscope.capture.tcp_reassembly import FIN, RST, SYN, TcpConnection, TcpSegment
-from bcapscope.capture.undecided_conversation import (
+from bcapscope.capture.role_detection import (
     TimedItem,
     UndecidedConversation,
     endpoints_of,
+    may_begin_frame,
     reverse_key,
+    server_index_by_port,
 )
+from bcapscope.capture.tcp_reassembly import FIN, RST, SYN, TcpConnection, TcpSegment
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import SMALLEST_FRAME
 from bcapscope.protocol.codec.frame_content import FrameContent
@@ -134,9 +135,8 @@ class TcpConversations:
         if tracked.conversation is None and segment.data:
             tracked.conversation = _recognise_bcap(tracked, sender, segment)
             if tracked.conversation is None:
-                tracked.connection.close(time, packet)
-                tracked.connection = TcpConnection(self._budget, self._templates)
-                self._counts.not_bcap += 1
+                tracked.unconfirmed_segments = 1
+                self._reset_as_not_bcap(tracked)
                 return []
         items = tracked.connection.receive(sender, segment, time, packet)
         if tracked.conversation is None:

@@ -12,7 +12,7 @@ from collections import deque
 from operator import itemgetter
 from typing import NamedTuple
 
-from bcapscope.capture.undecided_conversation import TimedItem
+from bcapscope.capture.role_detection import TimedItem
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.role_detection import is_whole_frames, server_index_by_port
-from bcapscope.capture.undecided_conversation import (
+from bcapscope.capture.role_detection import (
     TimedItem,
     UndecidedConversation,
     endpoints_of,
+    is_whole_frames,
     reverse_key,
+    server_index_by_port,
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_captured_datagram, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates

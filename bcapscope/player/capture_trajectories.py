@@ -10,9 +10,7 @@ import numpy as np
 
 from bcapscope.analysis.slave import captured_trajectory as seen
 from bcapscope.analysis.slave.captured_trajectory import TrajectoryExtractor
-from bcapscope.capture.packet import Packet
-from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.capture.capture_input import CaptureInput, read_items
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.player.column_layout import ReadOptions
@@ -24,8 +22,6 @@ from bcapscope.player.trajectory import (
     TrajectoryError,
     TrajectorySource,
 )
-from bcapscope.traffic.joining.joiner import Joiner
-from bcapscope.traffic.pipeline import Pipeline
 
 SOURCE_FORMAT = Message("trajectory.format.capture")
 
@@ -39,35 +35,22 @@ class _SlaveSessionPoints:
     odd_count: int = 0
 
 
-def read_capture(
-    packets: Iterable[Packet],
-    source: TrajectorySource,
-    options: ReadOptions,
-) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session.
+def read_capture(source: TrajectorySource, options: ReadOptions) -> tuple[Trajectory, ...]:
+    """Read the set points of each slave-mode session in a capture.
 
     Raises TrajectoryError if there are no set points of the wanted type. Raises CaptureError if the capture
     is damaged before the first set point.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
+    problems: list[CaptureError] = []
+    capture = CaptureInput([source.path], (), lambda path, error: problems.append(error))
     extractor = TrajectoryExtractor()
-    decoder = PacketDecoder(BCAP_PORTS)
-    pipeline = Pipeline(extractor, joiner=Joiner(decoder.comments))
-    broken: CaptureError | None = None
-    try:
-        for observation in decoder.decode(packets):
-            pipeline.add(observation)
-            if extractor.ready:
-                _add_set_points(sessions, extractor.ready)
-                extractor.ready.clear()
-    except CaptureError as error:
-        broken = error
-    pipeline.finish()
+    _add_set_points(sessions, read_items(capture, capture.pipeline(extractor), extractor.ready))
     extractor.finish()
     _add_set_points(sessions, extractor.ready)
     if not sessions:
-        if broken is not None:
-            raise broken
+        if problems:
+            raise problems[0]
         if extractor.set_points:
             raise TrajectoryError(Message("trajectory.none-playable", count=extractor.set_points))
         raise TrajectoryError(Message("trajectory.no-set-points"))
@@ -75,8 +58,7 @@ def read_capture(
         Message("trajectory.note.left-out", count=count, reason=reason.message)
         for reason, count in extractor.left_out.items()
     ]
-    if broken is not None:
-        notes.append(Message("trajectory.note.breaks-off", reason=broken.message))
+    notes += [Message("trajectory.note.breaks-off", reason=error.message) for error in problems]
     source = replace(source, notes=(*source.notes, *notes))
     made = tuple(
         _make_trajectory(session, source, len(sessions) > 1) for _, session in sorted(sessions.items())

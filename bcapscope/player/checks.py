@@ -273,11 +273,10 @@ def check_units(context: PreflightContext) -> Iterator[PreflightProblem]:
     rows = trajectory.points[:, places]
     if given & {"rad", "m"} or not np.ptp(rows, axis=0).any():
         return
+    limit, id = _RADIANS, "preflight.units.radians"
+    if trajectory.kind is not PoseType.J:
+        limit, id = _METRES, "preflight.units.metres"
     largest = float(np.abs(rows).max())
-    shown, advice = Measured(largest, digits=3), Message("preflight.advice.unit")
-    if trajectory.kind is PoseType.J and largest < _RADIANS:
-        fact = Message("preflight.units.radians", largest=shown)
-        yield PreflightProblem("units", Severity.WARNING, fact, advice)
-    if trajectory.kind is not PoseType.J and largest < _METRES:
-        fact = Message("preflight.units.metres", largest=shown)
+    if largest < limit:
+        fact, advice = Message(id, largest=Measured(largest, digits=3)), Message("preflight.advice.unit")
         yield PreflightProblem("units", Severity.WARNING, fact, advice)

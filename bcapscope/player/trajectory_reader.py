@@ -24,7 +24,6 @@ import numpy as np
 import orjson
 
 from bcapscope.capture.byte_source import GZIP_MAGIC
-from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.pcap import MAGICS
 from bcapscope.capture.pcapng import MAGIC
 from bcapscope.errors import BcapError, CaptureError
@@ -92,9 +91,10 @@ def read_trajectories(
     try:
         # numpy does not warn about absurd numbers here, because the pre-flight check reports them
         with np.errstate(all="ignore"):
-            if _is_project(Path(path)):
-                return _read_project(Path(path), options)
-            return _read_file(Path(path), options)
+            place = Path(path)
+            is_project_file = place.suffix.casefold() == ".wpj" and place.is_file()
+            read = _read_project if place.is_dir() or is_project_file else _read_file
+            return read(place, options)
     except OSError as error:
         raise TrajectoryError(Message("trajectory.cannot-read", reason=os_reason(error))) from error
     except CaptureError as error:
@@ -110,8 +110,7 @@ def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
         if not head:
             raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
-            with open_capture(path) as capture:
-                return read_capture(capture, TrajectorySource(str(path)), options)
+            return read_capture(TrajectorySource(str(path)), options)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:
@@ -126,13 +125,12 @@ def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
 def _open_regular_file(path: Path) -> BinaryIO:
     """Open a file. Refuse pipes and devices, because reading them could block."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise TrajectoryError(Message("trajectory.no-file"))
-        return path.open("rb")
+        status = path.stat()
     except ValueError as error:
-        if isinstance(error, TrajectoryError):
-            raise
         raise TrajectoryError(Message("trajectory.no-file-name")) from error
+    if not stat.S_ISREG(status.st_mode):
+        raise TrajectoryError(Message("trajectory.no-file"))
+    return path.open("rb")
 
 
 def _refuse_foreign(head: bytes) -> None:
@@ -187,13 +185,6 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
         if len(line) > LONGEST_LINE:
             raise TrajectoryError(Message("trajectory.long-line", limit=LONGEST_LINE), number)
         yield line
-
-
-def _is_project(path: Path) -> bool:
-    try:
-        return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
-    except ValueError:  # the path is invalid; the code that opens the file will report this
-        return False
 
 
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:

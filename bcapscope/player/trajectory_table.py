@@ -41,7 +41,6 @@ HEAD_LINES = 32
 """The reader looks for the titles in this many lines at the start of the file."""
 
 _PLAIN_CELLS = 60
-_SPACES = re.compile(r"\s+")
 _RETURNED = "returned_"
 _NUMBER = re.compile(
     r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*|\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE
@@ -106,13 +105,9 @@ def _separator(head: Sequence[str]) -> str:
 
 
 def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
-    if separator == " ":
-        for number, text in enumerate(lines, 1):
-            plain = text.strip()
-            if plain and not plain.startswith("#"):
-                yield TableLine(number, _SPACES.split(plain))
-        return
     reader = csv.reader(lines, delimiter=separator)
+    if separator == " ":
+        reader = csv.reader((" ".join(line.split()) for line in lines), delimiter=" ", quoting=csv.QUOTE_NONE)
     try:
         for cells in reader:
             if any(cells) and not cells[0].lstrip().startswith("#"):

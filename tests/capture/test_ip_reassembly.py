@@ -14,7 +14,6 @@ from bcapscope.capture.ip_reassembly import (
     MEMORY_LIMIT,
     REASSEMBLY_TIMEOUT,
     IpReassembly,
-    ReassembledPacket,
 )
 from bcapscope.capture.link_layer import Fragment, IPPacket
 
@@ -25,13 +24,13 @@ def part(offset: int, payload: bytes, more: bool, key: bytes = b"key", missing: 
     return IPPacket(17, ADDRESSES, payload, missing, Fragment(key, offset, more))
 
 
-def whole(payload: bytes, began: int) -> ReassembledPacket:
-    return ReassembledPacket(IPPacket(17, ADDRESSES, payload, 0, None), began)
+def whole(payload: bytes, began: int) -> tuple[IPPacket, int]:
+    return IPPacket(17, ADDRESSES, payload, 0, None), began
 
 
 def test_what_is_whole_is_left_alone() -> None:
     packet = IPPacket(6, ADDRESSES, b"whole", 0, None)
-    assert IpReassembly(CaptureCounts()).add(packet, 5) == ReassembledPacket(packet, 5)
+    assert IpReassembly(CaptureCounts()).add(packet, 5) == (packet, 5)
 
 
 @given(data=st.data(), content=st.binary(min_size=1, max_size=300))
@@ -66,7 +65,7 @@ def test_the_protocol_is_that_of_the_first_part() -> None:
     fragments.add(part(8, b"x", False)._replace(protocol=0), 1)
     found = fragments.add(part(0, bytes(8), True), 2)
     assert found is not None
-    assert found.packet.protocol == 17
+    assert found[0].protocol == 17
 
 
 def test_parts_that_contradict_each_other_spoil_the_packet() -> None:

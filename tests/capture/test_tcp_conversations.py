@@ -6,9 +6,9 @@ import pytest
 
 from bcapscope.capture import tcp_conversations
 from bcapscope.capture.capture_counts import CaptureCounts
+from bcapscope.capture.role_detection import TimedItem, reverse_key
 from bcapscope.capture.tcp_conversations import TcpConversations
 from bcapscope.capture.tcp_reassembly import ACK, FIN, RST, SYN, TcpSegment
-from bcapscope.capture.undecided_conversation import TimedItem, reverse_key
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.traffic.observation import ConnectionEnd, Direction, Flow
 from tests.capture.packets import CLIENT, SERVER, reply, request

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.capture.link_layer import read_ip
+from bcapscope.capture.role_detection import TimedItem
 from bcapscope.capture.tcp_reassembly import (
     ACK,
     ACK_LIMIT,
@@ -22,7 +23,6 @@ from bcapscope.capture.tcp_reassembly import (
     TcpStream,
     read_segment,
 )
-from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from tests.capture.packets import ipv4, reply, request, tcp

@@ -6,8 +6,8 @@ import pytest
 
 from bcapscope.capture import udp_conversations
 from bcapscope.capture.capture_counts import CaptureCounts
+from bcapscope.capture.role_detection import TimedItem
 from bcapscope.capture.udp_conversations import UdpConversations
-from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.traffic.observation import Flow
 from tests.capture.packets import CLIENT, SERVER, reply, request

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.capture.undecided_conversation import (
+from bcapscope.capture.role_detection import (
     HELD_ITEMS_LIMIT,
     TimedItem,
     UndecidedConversation,

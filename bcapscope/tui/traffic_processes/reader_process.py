@@ -178,7 +178,7 @@ class _LiveCapture:
 
     def _run(self, ended: threading.Event) -> None:
         try:
-            with open_live_capture(self._interface) as capture:
+            with closing(self._recording), open_live_capture(self._interface) as capture:
                 for packet in capture:
                     self._recording.recording.write_packet(packet)
                     self._recording.flush()
