@@ -15,7 +15,7 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.arming_prompt import log_armed_calls, unarmed_reason
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, usage_error_on
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.object_opener import DEFAULT_OBJECT_NAMES, ObjectOpener
@@ -128,11 +128,8 @@ def command(
     names = {owner: name for owner in NAMED_OWNERS if (name := named[owner.lower()]) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
-    with exit_on_failure(target, words):
-        try:
-            code = run_interruptible(calls.run(requests))
-        except ValueError as error:
-            raise click.UsageError(str(error)) from None
+    with exit_on_failure(target, words), usage_error_on(ValueError):
+        code = run_interruptible(calls.run(requests))
     sys.exit(code)
 
 

@@ -13,7 +13,7 @@ import click
 from bcapscope.capture.rotating_recording import RotationLimits, is_named_pipe, parse_rotation
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option, publish_option
-from bcapscope.cli.common.exit_codes import ExitCode, exit_with
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with, usage_error_on
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.proxy_ctl import command as ctl
@@ -166,7 +166,8 @@ def command(
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
     view = ViewOptions(shown, form or TrafficFormat.LINE, wanted or "", TimeFormat(clock), words.language)
-    listeners = _parse_listeners(**addresses)
+    with usage_error_on(ListenerSpecError):
+        listeners = parse_listener_specs(**addresses)
     _check_filter(context, view)
     if record is not None and ring is None and not is_named_pipe(record):
         check_output_path(record)
@@ -175,13 +176,6 @@ def command(
 
 
 command.add_command(ctl)
-
-
-def _parse_listeners(**addresses: Any) -> Sequence[ListenerSpec]:
-    try:
-        return parse_listener_specs(**addresses)
-    except ListenerSpecError as error:
-        raise click.UsageError(str(error)) from None
 
 
 def _check_filter(context: click.Context, view: ViewOptions) -> None:

@@ -15,6 +15,7 @@ from click.core import ParameterSource
 
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.options import IntegerRange, bundled
+from bcapscope.errors import MissingExtraError
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
 
@@ -62,10 +63,7 @@ def serve_screen(options: ServeOptions) -> None:
     try:
         from bcapscope.tui.web.web_server import WebServer
     except ImportError:
-        exit_with(
-            "textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'",
-            ExitCode.NOT_INSTALLED,
-        )
+        exit_with(str(MissingExtraError("textual-serve", "serve")), ExitCode.NOT_INSTALLED)
     import asyncio
 
     try:
