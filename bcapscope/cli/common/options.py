@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import click
 
@@ -23,7 +23,6 @@ from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 
-F = TypeVar("F", bound=Callable[..., Any])
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
@@ -208,7 +207,7 @@ def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Para
     return convert
 
 
-def filter_option(kind: RecordKind) -> Callable[[F], F]:
+def filter_option(kind: RecordKind) -> Decorator:
     """Return the option ``--filter``, whose value is a compiled filter or None."""
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
@@ -251,7 +250,7 @@ def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
     )
 
 
-def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
+def output_option(help_: str, allow_dash: bool = False) -> Decorator:
     """Return the option ``--output``. With `allow_dash`, ``-`` is standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)

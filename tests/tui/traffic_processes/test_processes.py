@@ -42,9 +42,9 @@ from bcapscope.tui.traffic_processes.save_process import save_packets
 from bcapscope.tui.traffic_processes.search_process import TrafficSearch
 from tests.analysis.scenes import HOME, ROBOT, Story
 from tests.capture.test_rotating_recording import SmallDisk
-from tests.cli.test_capture_end import captured, in_slave_mode
 from tests.cli.late_retry import late_retry
 from tests.cli.run import CAPTURES, run
+from tests.cli.test_capture_end import captured, in_slave_mode
 from tests.samples.calls import r8s, text
 from tests.tui.marks import strip_styles
 
