@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -19,7 +20,7 @@ from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.proxy_ctl import command as ctl
 from bcapscope.live.cpu_wakefulness import low_latency_problem
 from bcapscope.live.end_signals import end_signal_socket
-from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
+from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions, WatcherSubscriber
 from bcapscope.live.proxy_supervisor import ProxySupervisor
 from bcapscope.live.server_runner import reachability
 from bcapscope.live.standard_streams import print_stderr
@@ -34,11 +35,6 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import FilterError
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Endpoint
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from bcapscope.live.proxy_options import WatcherSubscriber
 
 
 @click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
