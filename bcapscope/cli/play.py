@@ -84,14 +84,14 @@ _HIGHEST_MODE = 0x303
 _NEW_FILE = click.Path(path_type=Path)
 
 
-def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) -> SlaveModePacing | int:
+def _parse_mode(value: str) -> SlaveModePacing | int:
     text = value.casefold()
     if text in list(SlaveModePacing):
         return SlaveModePacing(text)
     number = parse_integer(text, 1, _HIGHEST_MODE)
     if number is None:
-        reason = f"{shortened(value, 40)!r} is not a slave mode. Give sync, async, or a number up to 0x303"
-        raise click.BadParameter(reason)
+        name = repr(shortened(value, 40))
+        raise ValueError(f"{name} is not a slave mode. Give sync, async, or a number up to 0x303")
     return number
 
 
@@ -100,7 +100,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 @target_options
 @click.option(
     "--mode",
-    callback=_parse_mode,
+    callback=options.parsed_by(_parse_mode),
     metavar="MODE",
     default=SlaveModePacing.SYNC.value,
     help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
