@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -15,7 +16,7 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.arming_prompt import log_armed_calls, unarmed_reason
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, usage_error_on
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.object_opener import DEFAULT_OBJECT_NAMES, ObjectOpener
@@ -127,108 +128,102 @@ def command(
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
     names = {owner: name for owner in NAMED_OWNERS if (name := named[owner.lower()]) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
-    calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
-    with exit_on_failure(target, words):
-        try:
-            code = run_interruptible(calls.run(requests))
-        except ValueError as error:
-            raise click.UsageError(str(error)) from None
+    calls = _CallRunner(target, names, words, armed=arm, dump=dump, as_json=as_json, color=color)
+    with exit_on_failure(target, words), usage_error_on(ValueError):
+        code = run_interruptible(calls.run(requests))
     sys.exit(code)
 
 
-class _AnswerPrinter:
-    """Prints the reply of each call, and with --hex a hex dump of the call's packets."""
+class _CallRunner:
+    """Makes all calls of the command line in one session, and prints their replies."""
 
-    def __init__(self, dump: bool, as_json: bool, color: str, words: MessageFormatter) -> None:
+    def __init__(
+        self,
+        target: ControllerTarget,
+        names: Mapping[ObjectClass, str],
+        words: MessageFormatter,
+        *,
+        armed: bool,
+        dump: bool,
+        as_json: bool,
+        color: str,
+    ) -> None:
+        self._target = target
+        self._names = names
+        self._words = words
+        self._armed = armed
         self._dump = dump
         self._as_json = as_json
         self._palette = choose_palette(color)
-        self.words = words
-        self.packets: list[Observation] = []
-
-    def print_answer(
-        self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
-    ) -> None:
-        function = request.function
-        name = call_name(function.id, arguments)
-        if isinstance(settled, CallTimedOut):
-            self._print_packets()
-            raise CallTimeout(name, settled.attempts)
-        reply, attempts, took = settled.reply, settled.attempts, settled.elapsed
-        if self._as_json:
-            seen = next(each for each in reversed(self.packets) if each.item is reply)
-            command_name = name.partition(" ")[2] or None
-            question = CallKind(function.id, command_name)
-            echo(reply_record(seen, question, took, attempts))
-        else:
-            given = name, function.id, reply, took, attempts
-            echo(reply_line(*given, palette=self._palette, words=self.words))
-        self._print_packets()
-
-    def _print_packets(self) -> None:
-        if self._dump:
-            echo("".join(f"{line}\n" for line in self._packet_lines()), end=False)
-
-    def _packet_lines(self) -> Iterator[str]:
-        for seen in self.packets:
-            sent = seen.flow.direction is Direction.REQUEST
-            peer = str(seen.flow.dst if sent else seen.flow.src)
-            yield f"  {self.words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}"
-            yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
-
-
-@dataclass(slots=True)
-class _CallRunner:
-    """Makes all calls of the command line in one session."""
-
-    target: ControllerTarget
-    names: Mapping[ObjectClass, str]
-    armed: bool
-    printer: _AnswerPrinter
-    log: ArmedCallLogger | None = None
+        self._packets: list[Observation] = []
+        self._log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
         """Make the calls one after another, and stop at the first failure.
 
         With --arm, the action log records the calls that need arming.
         """
-        if not self.armed:
-            return await self._run_calls(requests)
-        with log_armed_calls("call", LoggedConnection.of_target(self.target)) as self.log:
-            return await self._run_calls(requests)
-
-    async def _run_calls(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        printer = self.printer
-        async with open_target_session(self.target, observer=self._on_packet) as session:
-            opener = ObjectOpener(session, self.target, self.names)
-            for request in requests:
-                arguments = await request.arguments(opener)
-                if not await self._is_allowed(request, arguments, opener):
-                    return ExitCode.UNARMED
-                printer.packets.clear()
-                settled = await session.perform_call(request.function.id, arguments)
-                printer.print_answer(request, arguments, settled)
-                if isinstance(settled, CallRefused):
-                    return ExitCode.REFUSED
+        with ExitStack() as stack:
+            if self._armed:
+                connection = LoggedConnection.of_target(self._target)
+                self._log = stack.enter_context(log_armed_calls("call", connection))
+            async with open_target_session(self._target, observer=self._on_packet) as session:
+                opener = ObjectOpener(session, self._target, self._names)
+                for request in requests:
+                    arguments = await request.arguments(opener)
+                    if not await self._is_allowed(request, arguments, opener):
+                        return ExitCode.UNARMED
+                    self._packets.clear()
+                    settled = await session.perform_call(request.function.id, arguments)
+                    self._print_answer(request, arguments, settled)
+                    if isinstance(settled, CallRefused):
+                        return ExitCode.REFUSED
         return ExitCode.OK
 
     def _on_packet(self, observation: Observation) -> None:
-        self.printer.packets.append(observation)
-        if self.log is not None:
-            self.log.on_observation(observation)
+        self._packets.append(observation)
+        if self._log is not None:
+            self._log.on_observation(observation)
 
     async def _is_allowed(
         self, request: PlannedCall, arguments: Sequence[Variant], opener: ObjectOpener
     ) -> bool:
         function_id = request.function.id
-        if self.armed or not opener.session.needs_arming(function_id, arguments):
+        if self._armed or not opener.session.needs_arming(function_id, arguments):
             return True
-        self.armed = await opener.is_simulator()
-        if not self.armed:
-            name, host = call_name(function_id, arguments), self.target.host
-            unsent = self.printer.words("call.not-sent", call=name, reason=unarmed_reason(host))
+        self._armed = await opener.is_simulator()
+        if not self._armed:
+            name, host = call_name(function_id, arguments), self._target.host
+            unsent = self._words("call.not-sent", call=name, reason=unarmed_reason(host))
             print_stderr(printable(f"bcapscope: {unsent}"))
-        return self.armed
+        return self._armed
+
+    def _print_answer(
+        self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
+    ) -> None:
+        function_id = request.function.id
+        name = call_name(function_id, arguments)
+        if isinstance(settled, CallTimedOut):
+            self._print_packets()
+            raise CallTimeout(name, settled.attempts)
+        reply, attempts, took = settled.reply, settled.attempts, settled.elapsed
+        if self._as_json:
+            seen = next(each for each in reversed(self._packets) if each.item is reply)
+            call_kind = CallKind(function_id, name.partition(" ")[2] or None)
+            echo(reply_record(seen, call_kind, took, attempts))
+        else:
+            echo(
+                reply_line(name, function_id, reply, took, attempts, palette=self._palette, words=self._words)
+            )
+        self._print_packets()
+
+    def _print_packets(self) -> None:
+        for seen in self._packets if self._dump else ():
+            sent = seen.flow.direction is Direction.REQUEST
+            peer = str(seen.flow.dst if sent else seen.flow.src)
+            echo(f"  {self._words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}")
+            for line in hexdump(seen.item.raw, palette=self._palette):
+                echo(f"  {line}")
 
 
 @dataclass(frozen=True, slots=True)

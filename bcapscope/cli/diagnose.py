@@ -30,15 +30,11 @@ _SEVERITY = click.Choice([each.value for each in Severity])
 _RANK = {severity: rank for rank, severity in enumerate(Severity)}
 
 
-def _known_rules(
-    context: click.Context, parameter: click.Parameter, given: tuple[str, ...]
-) -> frozenset[str]:
-    known = set(RULES)
-    for each in given:
-        if each not in known:
-            unknown = Message("diagnose.no-such-rule", rule=f"{each!r}")
-            raise click.BadParameter(str(with_nearest(unknown, each, known)), context, parameter)
-    return frozenset(given)
+def _known_rule(rule_id: str) -> str:
+    if rule_id not in RULES:
+        unknown = Message("diagnose.no-such-rule", rule=f"{rule_id!r}")
+        raise ValueError(str(with_nearest(unknown, rule_id, RULES)))
+    return rule_id
 
 
 @click.command(short_help="Explain what went wrong, root cause first.")
@@ -53,7 +49,7 @@ def _known_rules(
     "rules",
     metavar="ID",
     multiple=True,
-    callback=_known_rules,
+    callback=options.parsed_by(_known_rule),
     help="Show only findings of this rule; may be repeated. docs/rules.md lists the rules.",
 )
 @click.option(
@@ -76,7 +72,7 @@ def command(
     *,
     interface: str | None,
     as_json: bool,
-    rules: frozenset[str],
+    rules: tuple[str, ...],
     severities: tuple[str, ...],
     fail_on: str | None,
     display_filter: bool,
@@ -110,9 +106,8 @@ def command(
     renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words(), filter_lines)
 
     def is_shown(finding: Finding) -> bool:
-        return finding.rule in (rules or (finding.rule,)) and finding.severity in (
-            severities or (finding.severity,)
-        )
+        is_chosen = not rules or finding.rule in rules
+        return is_chosen and (not severities or finding.severity in severities)
 
     if as_json or display_filter:
         reading.remember_origins()

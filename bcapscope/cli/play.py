@@ -7,6 +7,7 @@ import select
 import shutil
 import signal
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -83,14 +84,14 @@ _HIGHEST_MODE = 0x303
 _NEW_FILE = click.Path(path_type=Path)
 
 
-def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) -> SlaveModePacing | int:
+def _parse_mode(value: str) -> SlaveModePacing | int:
     text = value.casefold()
     if text in list(SlaveModePacing):
         return SlaveModePacing(text)
     number = parse_integer(text, 1, _HIGHEST_MODE)
     if number is None:
-        reason = f"{shortened(value, 40)!r} is not a slave mode. Give sync, async, or a number up to 0x303"
-        raise click.BadParameter(reason)
+        name = repr(shortened(value, 40))
+        raise ValueError(f"{name} is not a slave mode. Give sync, async, or a number up to 0x303")
     return number
 
 
@@ -99,7 +100,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 @target_options
 @click.option(
     "--mode",
-    callback=_parse_mode,
+    callback=options.parsed_by(_parse_mode),
     metavar="MODE",
     default=SlaveModePacing.SYNC.value,
     help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
@@ -220,19 +221,14 @@ class PlayOutput:
                 echo(line)
 
     def show_preflight(self, preflight: PreflightResult) -> None:
-        if self._json:
-            self._print_data(preflight_record(preflight))
-            return
-        for line in PreflightRenderer(self._palette, self._width, self.words).lines(preflight):
-            self._print_data(line)
+        renderer = PreflightRenderer(self._palette, self._width, self.words)
+        self._print_data([preflight_record(preflight)] if self._json else renderer.lines(preflight))
 
     def show_end(self, ended: PlayEnded) -> None:
         self._erase_progress()
-        if self._json:
-            self._print_data(play_summary_record(ended))
-            return
-        for line in play_summary_lines(ended, self.words):
-            self._print_data(line)
+        self._print_data(
+            [play_summary_record(ended)] if self._json else play_summary_lines(ended, self.words)
+        )
 
     def print_line(self, text: str) -> None:
         self._erase_progress()
@@ -250,8 +246,8 @@ class PlayOutput:
             sys.stderr.write("\r\x1b[K")
             self._is_drawn = False
 
-    def _print_data(self, line: str | bytes) -> None:
-        if not self._is_closed:
+    def _print_data(self, lines: Iterable[str | bytes]) -> None:
+        for line in () if self._is_closed else lines:
             echo(line)
 
 
@@ -364,11 +360,8 @@ class PlayRunner:
         """Stop the robot at the first signal, and halt it at the second signal."""
         if number == _TERMINAL_CLOSED:
             self._output.close()
-        again, self._stop_requested = self._stop_requested, True
-        if again:
-            self._player.halt()
-        else:
-            self._player.stop()
+        (self._player.halt if self._stop_requested else self._player.stop)()
+        self._stop_requested = True
         if self._is_prompting:
             raise KeyboardInterrupt  # ends the prompt
 

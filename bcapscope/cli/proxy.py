@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from bcapscope.capture.rotating_recording import RotationLimits, is_named_pipe, parse_rotation
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option, publish_option
-from bcapscope.cli.common.exit_codes import ExitCode, exit_with
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with, usage_error_on
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.proxy_ctl import command as ctl
 from bcapscope.live.cpu_wakefulness import low_latency_problem
 from bcapscope.live.end_signals import end_signal_socket
-from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
+from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions, WatcherSubscriber
 from bcapscope.live.proxy_supervisor import ProxySupervisor
 from bcapscope.live.server_runner import reachability
 from bcapscope.live.standard_streams import print_stderr
@@ -34,11 +35,6 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import FilterError
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Endpoint
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from bcapscope.live.proxy_options import WatcherSubscriber
 
 
 @click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
@@ -166,7 +162,8 @@ def command(
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
     view = ViewOptions(shown, form or TrafficFormat.LINE, wanted or "", TimeFormat(clock), words.language)
-    listeners = _parse_listeners(**addresses)
+    with usage_error_on(ListenerSpecError):
+        listeners = parse_listener_specs(**addresses)
     _check_filter(context, view)
     if record is not None and ring is None and not is_named_pipe(record):
         check_output_path(record)
@@ -175,13 +172,6 @@ def command(
 
 
 command.add_command(ctl)
-
-
-def _parse_listeners(**addresses: Any) -> Sequence[ListenerSpec]:
-    try:
-        return parse_listener_specs(**addresses)
-    except ListenerSpecError as error:
-        raise click.UsageError(str(error)) from None
 
 
 def _check_filter(context: click.Context, view: ViewOptions) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from typing import Any, TypeVar
 
 import click
@@ -13,9 +13,8 @@ import msgspec
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.faults.quantities import DurationQuantity
-from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import parse_datagram
@@ -61,27 +60,20 @@ class _ControlCommand:
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
         """Return the response; with --json, print it and return None. Exit if the proxy refuses."""
-        with self._connected() as proxy:
-            if not self._as_json:
-                return proxy.request(request, kind)
-            echo(_json_text(proxy.request_raw(request)))
-            return None
-
-    @contextmanager
-    def _connected(self) -> Iterator[ControlClient]:
         with closing(ControlClient(self._address)) as proxy:
             try:
-                yield proxy
+                if not self._as_json:
+                    return proxy.request(request, kind)
+                echo(_json_text(proxy.request_raw(request)))
             except ControlError as error:
-                print_stderr(printable(self.words.text(error.message)))
-                sys.exit(ExitCode.UNREADABLE)
+                exit_with(printable(self.words.text(error.message)), ExitCode.UNREADABLE)
             except ControlRefused as error:
                 if self._as_json:
                     echo(_json_text(error.line))
-                else:
-                    for line in _INDENTED.split(self.words.text(error.message)):
-                        print_stderr(printable(line))
-                sys.exit(ExitCode.REFUSED)
+                    sys.exit(ExitCode.REFUSED)
+                lines = _INDENTED.split(self.words.text(error.message))
+                exit_with("\n".join(map(printable, lines)), ExitCode.REFUSED)
+        return None
 
 
 def _json_text(line: bytes) -> str:

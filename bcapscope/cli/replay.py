@@ -21,7 +21,7 @@ from bcapscope.cli.common.arming_prompt import (
 )
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with
+from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with, usage_error_on
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.object_opener import ObjectOpener
@@ -232,13 +232,12 @@ class _PreflightCheck:
         self._renderer = PreflightRenderer(palette, shutil.get_terminal_size().columns, words)
         self._quiet = quiet
         self.runs: tuple[SetPointRun, ...] = ()
-        try:
+        with usage_error_on(ValueError):
             with_limits(UNKNOWN_ARM, limits)
+        try:
             self.runs = tuple(set_point_runs(script))
         except UnreadableSetPointError as error:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
-        except ValueError as error:
-            raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
         """Check all set points, and exit if any of them fail. If none fails and `shown` is True, print all

@@ -18,6 +18,7 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
+from bcapscope.errors import MissingExtraError
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
@@ -62,10 +63,7 @@ def command(
         missing = (error.name or "").partition(".")[0]
         if missing not in _NEEDED:
             raise
-        exit_with(
-            f"{missing} is not installed. Install it with: pip install 'bcapscope[report]'",
-            ExitCode.NOT_INSTALLED,
-        )
+        exit_with(str(MissingExtraError(missing, "report")), ExitCode.NOT_INSTALLED)
     interrupt_on_end_signals()
     to_stdout = str(output) == STDIN
     if not to_stdout:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from types import FrameType
-from typing import Self, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -57,12 +57,6 @@ class DeferredInterrupts:
     def close(self) -> None:
         for number, handler in self._previous_handlers.items():
             signal.signal(number, handler)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         again, self._is_interrupted = self._is_interrupted, True

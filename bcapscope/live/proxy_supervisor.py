@@ -74,6 +74,7 @@ _TOTALS_WITHIN = 0.5
 """Maximum time in seconds for printing the totals at the end."""
 
 _STDIN = 0
+_HANGUP = getattr(signal, "SIGHUP", None)
 
 _SILENT_FOR_NS = 30_000_000_000
 """After the terminal was closed, a client that is silent for this time in ns counts as gone."""
@@ -279,21 +280,24 @@ class ProxySupervisor:
             self._memory.unlink()
 
     def _raise_if_ended(self) -> None:
-        with suppress(BlockingIOError):
-            self._end_signals.recv(1)
+        if self._read_signals():
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
         """Return whether a signal other than SIGHUP arrived during the shutdown."""
-        with suppress(BlockingIOError):
-            if any(number != getattr(signal, "SIGHUP", None) for number in self._end_signals.recv(16)):
-                self._must_end_now = True
+        if any(number != _HANGUP for number in self._read_signals()):
+            self._must_end_now = True
         return self._must_end_now
+
+    def _read_signals(self) -> bytes:
+        with suppress(BlockingIOError):
+            return self._end_signals.recv(16)
+        return b""
 
     def _on_signal(self, _: int) -> None:
         """Shut down after a signal. After SIGHUP, run without the terminal until all clients are silent."""
-        for number in self._end_signals.recv(16):
-            if number == getattr(signal, "SIGHUP", None):
+        for number in self._read_signals():
+            if number == _HANGUP:
                 self._is_terminal_closed = True
             else:
                 self._begin_ending()

@@ -64,14 +64,9 @@ polls, even if it has not decoded all traffic. Without these pauses, the watcher
 and each round trip through the proxy would take longer.
 """
 
-_SHOWN_WITHIN_NS = 2_000_000_000
-"""Maximum age in ns of undecoded traffic. If the traffic is older, the watcher decodes without pauses between
-polls.
-"""
-
-_PUBLISHED_WITHIN_NS = 200_000_000
-"""Maximum age in ns of undecoded traffic while a screen shows the traffic. If the traffic is older, the
-watcher decodes without pauses between polls.
+_SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
+"""Maximum age in ns of undecoded traffic, without and with a screen that shows the traffic. If the traffic is
+older, the watcher decodes without pauses between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075

@@ -32,10 +32,6 @@ def reachability(host: str) -> Message:
     return Message("listen.reach.all" if address.is_unspecified else "listen.reach.network", host=host)
 
 
-def _do_nothing(descriptor: int) -> None:
-    """Ignore the descriptor."""
-
-
 class ServerRunner:
     """Runs a server for a command, and writes its log and its recording."""
 
@@ -66,7 +62,7 @@ class ServerRunner:
     def serve(
         self,
         server: SimulatorServer,
-        on_readable: Callable[[int], None] = _do_nothing,
+        on_readable: Callable[[int], None] = lambda descriptor: None,
         watched: list[int] | None = None,
     ) -> None:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.

@@ -57,11 +57,11 @@ class TerminalWriter:
         self._dropped = self._unwritten = 0
         self._no_more_lines = self._is_closing = False
         self._stdout_works = True
-        self._stderr_is_terminal = sys.stderr.isatty()
+        self.shows_status = sys.stderr.isatty()
         self._changed = threading.Condition()
         self._stderr_lock = threading.Lock()
         # If stdout is not the terminal, the status line must be written without waiting for lines.
-        self._shares_terminal = self._stderr_is_terminal and sys.stdout.isatty()
+        self._shares_terminal = self.shows_status and sys.stdout.isatty()
         self._stdout_lock: AbstractContextManager[object] = (
             self._stderr_lock if self._shares_terminal else nullcontext()
         )
@@ -69,10 +69,6 @@ class TerminalWriter:
         self._message_thread = threading.Thread(target=self._run_messages, name="sentences", daemon=True)
         self._line_thread.start()
         self._message_thread.start()
-
-    @property
-    def shows_status(self) -> bool:
-        return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
         if not self._stdout_works:
@@ -158,12 +154,12 @@ class TerminalWriter:
             with self._stderr_lock:
                 self._erase()
                 self._put_error("".join(f"{each}\n" for each in sentences))
-                if status and self._stderr_is_terminal:
+                if status and self.shows_status:
                     self._put_error(status[: shutil.get_terminal_size().columns - 1])
                     self._status_is_shown = True
 
     def _has_message(self) -> bool:
-        return bool(self._messages or self._is_closing or (self._stderr_is_terminal and self._status))
+        return bool(self._messages or self._is_closing or (self.shows_status and self._status))
 
     def _erase(self) -> None:
         if self._status_is_shown:

@@ -11,7 +11,7 @@ import sys
 import termios
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import pytest
 
@@ -30,7 +30,7 @@ unix = pytest.mark.skipif(sys.platform == "win32", reason="pipes are looked into
 @pytest.fixture
 def interrupts() -> Iterator[DeferredInterrupts]:
     before = signal.getsignal(signal.SIGINT)
-    with DeferredInterrupts() as found:
+    with closing(DeferredInterrupts()) as found:
         yield found
     assert signal.getsignal(signal.SIGINT) is before
 

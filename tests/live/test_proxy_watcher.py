@@ -57,10 +57,7 @@ class Silent(TerminalWriter):
         self.lines = 0
         self.shown: list[bytes | str] = []
         self.told: list[str] = []
-
-    @property
-    def shows_status(self) -> bool:
-        return False
+        self.shows_status = False
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
         self.lines += len(lines)

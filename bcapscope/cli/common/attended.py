@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import orjson
 
+from bcapscope.cli.common.options import parsed_by
 from bcapscope.live.standard_streams import print_stderr
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ publish_option = click.option(
     "open_subscriber",
     metavar="JOB",
     hidden=True,
-    callback=lambda context, parameter, job: None if job is None else partial(open_publisher, job),
+    callback=parsed_by(lambda job: partial(open_publisher, job)),
     help="Publish the traffic to the screen that started this command; JOB is a ReadJob in JSON.",
 )
 

@@ -257,7 +257,7 @@ class CaptureReader(CaptureInput):
     def _live_packets(self) -> Iterator[Packet]:
         name = self._interface or ""
         try:
-            with open_live_capture(name) as capture, DeferredInterrupts() as interrupts:
+            with open_live_capture(name) as capture, closing(DeferredInterrupts()) as interrupts:
                 print_stderr(self._words("reading.live", interface=printable(name)))
                 packets = iter(capture)
                 capture.on_idle = lambda: interrupts.do_while_waiting(lambda: self.on_idle(time.time_ns()))

@@ -12,8 +12,7 @@ import click
 
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import line_width
-from bcapscope.cli.common.options import Decorator
-from bcapscope.errors import InputError
+from bcapscope.cli.common.options import Decorator, parsed_by
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.record_columns import ColumnRenderer, RecordColumn, parse_columns
 from bcapscope.traffic.filter.field_table import SINCE_FIRST, RecordKind
@@ -22,19 +21,10 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS
 
 def columns_option(kind: RecordKind) -> Decorator:
     """Return the option ``--columns``, whose value is a tuple of columns or None."""
-
-    def parse(
-        context: click.Context, parameter: click.Parameter, value: str | None
-    ) -> tuple[RecordColumn, ...] | None:
-        try:
-            return None if value is None else parse_columns(value, kind)
-        except InputError as error:
-            raise click.BadParameter(str(error), context, parameter) from None
-
     return click.option(
         "--columns",
         metavar="NAME,NAME...",
-        callback=parse,
+        callback=parsed_by(lambda text: parse_columns(text, kind)),
         help="Show only these fields, such as t,command,arg[1]; also with --json and --csv. "
         "`bcapscope fields` lists the names. The names file and file_packet are valid, too.",
     )

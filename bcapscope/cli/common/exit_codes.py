@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from enum import IntEnum
 from typing import NoReturn
 
+import click
+
 from bcapscope.live.standard_streams import print_stderr
 
 
@@ -46,6 +48,15 @@ def exit_with(text: str, code: int) -> NoReturn:
     """Print `text` to stderr, and exit with `code`."""
     print_stderr(text)
     sys.exit(code)
+
+
+@contextmanager
+def usage_error_on(kind: type[Exception]) -> Iterator[None]:
+    """If the block raises an exception of class `kind`, report an invalid command line."""
+    try:
+        yield
+    except kind as error:
+        raise click.UsageError(str(error)) from None
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import click
 
@@ -23,7 +23,6 @@ from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 
-F = TypeVar("F", bound=Callable[..., Any])
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
@@ -102,6 +101,23 @@ def bundled(
     return decorate
 
 
+def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Return a click callback that parses an option, or each value of a repeatable option, with `read`.
+    `read` raises ValueError if the value is invalid.
+    """
+
+    def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        try:
+            if isinstance(value, tuple):
+                return tuple(map(read, value))
+            return None if value is None else read(value)
+        except ValueError as error:
+            separator = "\n" if "\n" in str(error) else ""
+            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
+
+    return convert
+
+
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
@@ -131,9 +147,7 @@ ports = click.option(
 side = click.option(
     "--side",
     type=click.Choice(["client", "controller"]),
-    callback=lambda context, parameter, value: (
-        None if value is None else CapturePlace[f"{value.upper()}_SIDE"]
-    ),
+    callback=parsed_by(lambda value: CapturePlace[f"{value.upper()}_SIDE"]),
     help="Show one side of a conversation that was captured at two places, such as on both legs of a proxy. "
     "By default, bcapscope joins both sides.",
 )
@@ -141,7 +155,7 @@ side = click.option(
 taken_at = click.option(
     "--taken-at",
     type=click.Choice([point.value for point in CapturePoint]),
-    callback=lambda context, parameter, value: None if value is None else CapturePoint(value),
+    callback=parsed_by(CapturePoint),
     help="Where you captured: on the client's computer, at the controller, or between. If a reply was "
     "captured shortly before a retry, the place shows whether the reply was lost or late. By default, "
     "bcapscope infers the place from the traffic, if possible.",
@@ -168,7 +182,7 @@ window = click.option(
     "--window",
     metavar="SECONDS",
     type=NumberRange(0.1),
-    callback=lambda context, parameter, value: None if value is None else round(value * 1e9),
+    callback=parsed_by(lambda seconds: round(seconds * 1e9)),
     help="Show figures for each window of this many seconds, at least 0.1, instead of the whole time.",
 )
 
@@ -191,24 +205,7 @@ language.
 """
 
 
-def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses an option, or each value of a repeatable option, with `read`.
-    `read` raises ValueError if the value is invalid.
-    """
-
-    def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-        try:
-            if isinstance(value, tuple):
-                return tuple(map(read, value))
-            return None if value is None else read(value)
-        except ValueError as error:
-            separator = "\n" if "\n" in str(error) else ""
-            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
-
-    return convert
-
-
-def filter_option(kind: RecordKind) -> Callable[[F], F]:
+def filter_option(kind: RecordKind) -> Decorator:
     """Return the option ``--filter``, whose value is a compiled filter or None."""
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
@@ -251,7 +248,7 @@ def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
     )
 
 
-def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
+def output_option(help_: str, allow_dash: bool = False) -> Decorator:
     """Return the option ``--output``. With `allow_dash`, ``-`` is standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)

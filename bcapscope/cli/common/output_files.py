@@ -67,9 +67,6 @@ class AtomicFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.discard()
-
-    def discard(self) -> None:
         """Remove the file unless it was committed."""
         with suppress(OSError):  # There is no file if it was committed or never created.
             self._temporary.unlink()

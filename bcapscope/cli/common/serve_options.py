@@ -14,7 +14,8 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
-from bcapscope.cli.common.options import IntegerRange, bundled
+from bcapscope.cli.common.options import IntegerRange, bundled, parsed_by
+from bcapscope.errors import MissingExtraError
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
 
@@ -62,10 +63,7 @@ def serve_screen(options: ServeOptions) -> None:
     try:
         from bcapscope.tui.web.web_server import WebServer
     except ImportError:
-        exit_with(
-            "textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'",
-            ExitCode.NOT_INSTALLED,
-        )
+        exit_with(str(MissingExtraError("textual-serve", "serve")), ExitCode.NOT_INSTALLED)
     import asyncio
 
     try:
@@ -91,23 +89,20 @@ def serve_screen(options: ServeOptions) -> None:
     sys.exit(ExitCode.OK)
 
 
-def _loopback_address(context: click.Context, parameter: click.Parameter, value: str) -> Endpoint:
+def _loopback_address(value: str) -> Endpoint:
     host, _, port = value.rpartition(":")
     host = "127.0.0.1" if host == "localhost" else host.removeprefix("[").removesuffix("]")
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
         reason = f"{value} is not an IP address with a port. Give one such as {DEFAULT_ADDRESS}"
-        raise click.BadParameter(reason, context, parameter) from None
+        raise ValueError(reason) from None
     if not (port.isascii() and port.isdecimal() and len(port) <= 5 and int(port) <= 0xFFFF):
-        reason = f"{value} has no port from 0 to 65535. Give one such as {DEFAULT_ADDRESS}"
-        raise click.BadParameter(reason, context, parameter)
+        raise ValueError(f"{value} has no port from 0 to 65535. Give one such as {DEFAULT_ADDRESS}")
     if not address.is_loopback:
-        raise click.BadParameter(
+        raise ValueError(
             f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "
-            f"move the robot. From another machine, use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
-            context,
-            parameter,
+            f"move the robot. From another machine, use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST"
         )
     return Endpoint(str(address), int(port))
 
@@ -122,7 +117,7 @@ _OPTIONS = (
         "--serve-at",
         metavar="HOST:PORT",
         default=DEFAULT_ADDRESS,
-        callback=_loopback_address,
+        callback=parsed_by(_loopback_address),
         help="Serve at this address, on loopback only.",
     ),
     click.option(

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.exit_codes import ExitCode, exit_with
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with, usage_error_on
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.column_layout import ReadOptions, parse_columns
 from bcapscope.player.resampling import resample
@@ -47,11 +47,9 @@ class TrajectoryOptions:
             click.ClickException: the options are invalid.
             SystemExit: the trajectory cannot be read or resampled; the reason was printed.
         """
-        try:
+        with usage_error_on(ValueError):
             with_limits(UNKNOWN_ARM, self.limits)
             columns = parse_columns(self.columns) if self.columns else {}
-        except ValueError as error:
-            raise click.UsageError(str(error)) from None
         kind = None if self.pose is None else PoseType(self.pose)
         wishes = ReadOptions(kind, columns, "rad" if self.radians else "deg", "m" if self.metres else "mm")
         try:

@@ -16,7 +16,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from bcapscope.cli.common.exit_codes import ExitCode, exit_with
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with, usage_error_on
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions
 from bcapscope.cli.common.serve_options import run_app
@@ -94,10 +94,8 @@ def _show_running_proxy(address: str) -> None:
 def _show_own_proxy(
     listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    try:
+    with usage_error_on(ListenerSpecError):
         parse_listener_specs(listen, to)
-    except ListenerSpecError as error:
-        raise click.UsageError(str(error)) from None
     if record is not None:
         check_output_path(record)
     with TemporaryFolder() as folder:
