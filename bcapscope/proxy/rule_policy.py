@@ -169,16 +169,13 @@ class RulePolicy:
         return work.actions
 
     def remove_client(self, client: int, now: int) -> None:
-        flows = [state.flow for state in self._clients.directions(client).values()]
+        """Drop a client, and everything that the rules still hold of it."""
+        self.release_held(client, now)
+        conversation = self._clients.directions(client)[Direction.REQUEST].flow.conversation
         self._clients.remove(client)
-        for flow in flows:
-            self.intercept.remove_held(flow)
         for each in (self._sender, self.shaper, self.intercept, self._recent_requests):
-            each.close_conversation(flows[0].conversation)
-        self._outbox = [action for action in self._outbox if action.client != client]
+            each.close_conversation(conversation)
         if self.scripts is not None:
-            for flow in flows:
-                self.scripts.remove_messages(flow)
             self.scripts.send_gone(client, now)
 
     def due(self) -> int | None:
