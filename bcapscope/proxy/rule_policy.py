@@ -17,10 +17,10 @@ from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.faults.wire_message import FaultOutput, SendBytes, WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
+from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.direction_state import (
-    ClientStates,
     DirectionState,
     UndecidedMessage,
     is_stop_request,
@@ -66,7 +66,9 @@ class RulePolicy:
         self.dropped_held = 0
         self.notify: Callable[[Message], None] = lambda message: None
         self._epoch = epoch
-        self._clients = ClientStates()
+        self._clients: dict[int, dict[Direction, DirectionState]] = {}
+        self._numbers: dict[Conversation, int] = {}
+        self._budget = ByteBudget()
         self.guard = guard
         self._sender = MessageSender(guard)
         self._outbox: list[PolicyAction] = []
@@ -82,13 +84,16 @@ class RulePolicy:
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         """Register a client under a number that no other client gets."""
-        self._clients.add(client, conversation, now)
+        self._clients[client] = {
+            each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
+        }
+        self._numbers[conversation] = client
         if self.scripts is not None:
             self.scripts.send_connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
         """Decide about a datagram, or about the next bytes of a stream."""
-        state = self._clients.directions(client)[direction]
+        state = self._clients[client][direction]
         state.piece_count += 1
         state.last_piece_at = now
         inspects = self._inspects_frames
@@ -105,7 +110,7 @@ class RulePolicy:
         """Return whether rules hold data of this direction, so that the end of the stream has to wait. The
         client may already have disconnected.
         """
-        state = self._clients.directions(client).get(direction)
+        state = self._clients.get(client, {}).get(direction)
         return state is not None and (
             bool(state.splitter and state.splitter.pending_bytes)
             or self.shaper.holds(state.flow)
@@ -124,7 +129,7 @@ class RulePolicy:
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
         """Apply the rules to an incomplete frame at the end of a stream. Return the resulting actions."""
-        state, work = self._clients.directions(client)[direction], PolicyDecision(client)
+        state, work = self._clients[client][direction], PolicyDecision(client)
         state.has_ended = True
         for piece in state.take_incomplete():
             self._process(state, piece, now, work)
@@ -135,7 +140,7 @@ class RulePolicy:
         """Return whether a fault hides each FIN and RST of the client from the controller, and those of the
         controller from the client.
         """
-        state = self._clients.directions(client).get(Direction.REQUEST)
+        state = self._clients.get(client, {}).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
@@ -150,7 +155,7 @@ class RulePolicy:
             if action.client == client:
                 work.actions += action.actions if isinstance(action, PolicyDecision) else (action,)
         self._outbox = [action for action in self._outbox if action.client != client]
-        for direction, state in self._clients.directions(client).items():
+        for direction, state in self._clients[client].items():
             held = self.shaper.pop_held(state.flow)
             held += (each.data for each in self.intercept.remove_held(state.flow))
             held += self.scripts.remove_messages(state.flow) if self.scripts is not None else ()
@@ -163,7 +168,7 @@ class RulePolicy:
             for data in held:
                 self._sender.send(state, data, Message("held.sent-at-end"), work)
         if lost:
-            who = self._clients.directions(client)[Direction.REQUEST].flow.conversation.client
+            who = self._clients[client][Direction.REQUEST].flow.conversation.client
             self.notify(Message("held.lost", client=str(who), messages=names_with_counts(lost)))
             self.dropped_held += len(lost)
         return work.actions
@@ -171,8 +176,8 @@ class RulePolicy:
     def remove_client(self, client: int, now: int) -> None:
         """Drop a client, and everything that the rules still hold of it."""
         self.release_held(client, now)
-        conversation = self._clients.directions(client)[Direction.REQUEST].flow.conversation
-        self._clients.remove(client)
+        conversation = self._clients.pop(client)[Direction.REQUEST].flow.conversation
+        del self._numbers[conversation]
         for each in (self._sender, self.shaper, self.intercept, self._recent_requests):
             each.close_conversation(conversation)
         if self.scripts is not None:
@@ -228,13 +233,13 @@ class RulePolicy:
 
     def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
         """For each client, yield the states of its request direction and of its response direction."""
-        return self._clients.pairs()
+        return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._clients.values())
 
     def on_rules_changed(self, now: int) -> None:
         """After a change of faults or intercept, forward incomplete frames that no rule needs any more."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
-        split = [state for pair in self._clients.pairs() for state in pair if state.splitter is not None]
+        split = [state for pair in self.clients() for state in pair if state.splitter is not None]
         for state in split:
             work = PolicyDecision(state.client)
             for rest in state.cut_messages(b"", into_frames=False):
@@ -286,7 +291,7 @@ class RulePolicy:
         decides = scripts.decides(state.flow.direction)
         if not decides or is_stop_request(message):
             if decides:
-                mark_overtaken(message, state, (up for up, _ in self._clients.pairs()))
+                mark_overtaken(message, state, (up for up, _ in self.clients()))
             scripts.show_message(state.client, message, None)
             return message
         if message.is_datagram and not scripts.has_room(state.client):
@@ -369,7 +374,7 @@ class RulePolicy:
     def _forward_held(
         self, held: HeldMessage, data: bytes, note: Message, now: int
     ) -> list[SendAction | CloseAction]:
-        state, work = self._clients.directions(held.client)[held.flow.direction], PolicyDecision(held.client)
+        state, work = self._clients[held.client][held.flow.direction], PolicyDecision(held.client)
         self._apply_faults(state, data, now, work)
         return [
             replace(action, note=note) if isinstance(action, SendAction) and action.note is None else action
@@ -391,10 +396,10 @@ class RulePolicy:
             note = joined_clauses(output.fault_notes)
             if isinstance(output, SendBytes):
                 flow = output.flow
-                client = self._clients.number_of(flow.conversation)
-                state = self._clients.directions(client)[flow.direction]
+                client = self._numbers[flow.conversation]
+                state = self._clients[client][flow.direction]
                 self._sender.send(state, output.data, note, work)
             else:
-                number = self._clients.number_of(output.conversation)
+                number = self._numbers[output.conversation]
                 assert note is not None
                 work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))
