@@ -13,7 +13,7 @@ from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import DirectionState
 from bcapscope.proxy.policy import PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
-from bcapscope.traffic.observation import Conversation, Direction, Flow
+from bcapscope.traffic.observation import Direction
 
 
 class MessageSender:
@@ -21,17 +21,10 @@ class MessageSender:
     guard or a missing script refused.
     """
 
-    def __init__(self, guard: RequestGuard | None) -> None:
+    def __init__(self, guard: RequestGuard | None, replies: ReplyFactory) -> None:
         self.guard = guard
         self.refused_requests = 0
-        self._replies = ReplyFactory()
-
-    def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a message what the controller writes into the headers of its replies."""
-        self._replies.on_message(flow, data)
-
-    def close_conversation(self, conversation: Conversation) -> None:
-        self._replies.close_conversation(conversation)
+        self._replies = replies
 
     def send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
         """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import FaultOutput, SendBytes, WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
@@ -70,7 +71,8 @@ class RulePolicy:
         self._numbers: dict[Conversation, int] = {}
         self._budget = ByteBudget()
         self.guard = guard
-        self._sender = MessageSender(guard)
+        self._replies = ReplyFactory()
+        self._sender = MessageSender(guard, self._replies)
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
@@ -178,7 +180,7 @@ class RulePolicy:
         self.release_held(client, now)
         conversation = self._clients.pop(client)[Direction.REQUEST].flow.conversation
         del self._numbers[conversation]
-        for each in (self._sender, self.shaper, self.intercept, self._recent_requests):
+        for each in (self._replies, self.shaper, self.intercept, self._recent_requests):
             each.close_conversation(conversation)
         if self.scripts is not None:
             self.scripts.send_gone(client, now)
@@ -271,7 +273,7 @@ class RulePolicy:
         if self._inspects_frames:
             self._messages += 1
             message = self._message(self._messages, state.flow, data, now)
-            self._sender.on_message(state.flow, data)
+            self._replies.on_message(state.flow, data)
             passing = self._show_to_scripts(state, message, work)
             if passing is not None:
                 self._intercept_and_fault(state, passing, now, work)
