@@ -343,7 +343,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; return b"" for None. Cut a note that is too long, to English text."""
+    """Encode a note for the ring; return b"" for None. A note that is too long is shortened, in English."""
     if note is None:
         return b""
     data = encode_message(note)

@@ -80,8 +80,8 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet. `message` is the message that the order shows to the
-    scripts, if any. `undecided` is the same message, if it waits for a decision.
+    """An order that the scripts have not answered yet. `message` is the message that it shows to the scripts;
+    `undecided` is the same message, if it waits for a decision.
     """
 
     hook: str
