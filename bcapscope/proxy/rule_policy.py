@@ -21,6 +21,7 @@ from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import FrameTemplates
+from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import (
     DirectionState,
     UndecidedMessage,
@@ -30,7 +31,6 @@ from bcapscope.proxy.direction_state import (
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
-from bcapscope.proxy.message_sender import MessageSender
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
@@ -47,6 +47,8 @@ class RulePolicy:
     Attributes:
         shaper: Applies the faults to messages.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
+        refused_requests: Number of requests that the guard refused, or that were refused because their script
+            is off or a stop has overtaken them.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         notify: Function that gets each message for the user.
     """
@@ -72,15 +74,11 @@ class RulePolicy:
         self._budget = ByteBudget()
         self.guard = guard
         self._replies = ReplyFactory()
-        self._sender = MessageSender(guard, self._replies)
+        self.refused_requests = 0
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
-
-    @property
-    def refused_requests(self) -> int:
-        return self._sender.refused_requests
 
     # The relay calls the following methods.
 
@@ -168,7 +166,7 @@ class RulePolicy:
                 held, dropped = split_held_requests(state, held)
                 lost += dropped
             for data in held:
-                self._sender.send(state, data, Message("held.sent-at-end"), work)
+                self._send(state, data, Message("held.sent-at-end"), work)
         if lost:
             who = self._clients[client][Direction.REQUEST].flow.conversation.client
             self.notify(Message("held.lost", client=str(who), messages=names_with_counts(lost)))
@@ -326,7 +324,8 @@ class RulePolicy:
         self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: PolicyDecision
     ) -> WireMessage | None:
         for code in answer.results:
-            self._sender.answer(state, message.frames, code, Message("addon.answered"), work)
+            for frame in message.frames:
+                self._answer(state, frame, code, Message("addon.answered"), work)
         if answer.dropped:
             work.notes.append(Message("addon.answered" if answer.results else "addon.dropped"))
             return None
@@ -351,7 +350,7 @@ class RulePolicy:
         refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
         if not refused:
             return message
-        self._sender.refuse(state, refused, note, work)
+        self._refuse(state, refused, note, work)
         work.notes.append(note)
         passing = b"".join(item.raw for item in items if item not in refused)
         return self._message(message.number, message.flow, passing, message.now) if passing else None
@@ -400,8 +399,42 @@ class RulePolicy:
                 flow = output.flow
                 client = self._numbers[flow.conversation]
                 state = self._clients[client][flow.direction]
-                self._sender.send(state, output.data, note, work)
+                self._send(state, output.data, note, work)
             else:
                 number = self._numbers[output.conversation]
                 assert note is not None
                 work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))
+
+    def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
+        """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a
+        stream that no proxy rule changed are sent in one piece.
+        """
+        direction = state.flow.direction
+        if self.guard is not None and direction is Direction.REQUEST:
+            data, refused, dropped = self.guard.filter_frames(data)
+            for frame, why in refused:
+                work.notes.append(Message("guard.answered", reason=why))
+                self._refuse(state, (frame,), Message("guard.refused", reason=why), work)
+            if dropped:
+                work.notes.append(Message("guard.dropped"))
+            if not data:
+                return
+        last = work.actions[-1] if work.actions and state.is_stream and note is None else None
+        if isinstance(last, SendAction) and last == SendAction(state.client, direction, last.data):
+            work.actions[-1] = SendAction(state.client, direction, last.data + data)
+        else:
+            work.actions.append(SendAction(state.client, direction, data, note))
+
+    def _refuse(
+        self, state: DirectionState, requests: Sequence[Frame], note: Message, work: PolicyDecision
+    ) -> None:
+        self.refused_requests += len(requests)
+        for request in requests:
+            self._answer(state, request, E_ACCESSDENIED, note, work)
+
+    def _answer(
+        self, state: DirectionState, request: Frame, code: int, note: Message, work: PolicyDecision
+    ) -> None:
+        """Reply to a request in place of the controller, with a result code and no value."""
+        raw = self._replies.make_reply(state.flow.conversation, request, code)
+        work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
