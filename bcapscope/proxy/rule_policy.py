@@ -70,7 +70,7 @@ class RulePolicy:
         self.notify: Callable[[Message], None] = lambda message: None
         self._epoch = epoch
         self._clients: dict[int, dict[Direction, DirectionState]] = {}
-        self._numbers: dict[Conversation, int] = {}
+        self._states: dict[Conversation, dict[Direction, DirectionState]] = {}
         self._budget = ByteBudget()
         self.guard = guard
         self._replies = ReplyFactory()
@@ -84,10 +84,9 @@ class RulePolicy:
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         """Register a client under a number that no other client gets."""
-        self._clients[client] = {
+        self._clients[client] = self._states[conversation] = {
             each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
         }
-        self._numbers[conversation] = client
         if self.scripts is not None:
             self.scripts.send_connected(client, conversation, now)
 
@@ -177,7 +176,7 @@ class RulePolicy:
         """Drop a client, and everything that the rules still hold of it."""
         self.release_held(client, now)
         conversation = self._clients.pop(client)[Direction.REQUEST].flow.conversation
-        del self._numbers[conversation]
+        del self._states[conversation]
         for each in (self._replies, self.shaper, self.intercept, self._recent_requests):
             each.close_conversation(conversation)
         if self.scripts is not None:
@@ -396,14 +395,12 @@ class RulePolicy:
         for output in outputs:
             note = joined_clauses(output.fault_notes)
             if isinstance(output, SendBytes):
-                flow = output.flow
-                client = self._numbers[flow.conversation]
-                state = self._clients[client][flow.direction]
+                state = self._states[output.conversation][output.flow.direction]
                 self._send(state, output.data, note, work)
             else:
-                number = self._numbers[output.conversation]
+                client = self._states[output.conversation][Direction.REQUEST].client
                 assert note is not None
-                work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))
+                work.actions.append(CloseAction(client, output.how is CloseMode.RESET, note))
 
     def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
         """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a
