@@ -138,7 +138,7 @@ def _read_quantity(kind: type, written: object) -> object:
 class _Loader(SafeLoader):
     """YAML loader that rejects repeated keys, keys that are not scalars, and numbers with too many digits."""
 
-    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         if node.tag in _NUMBER_TAGS and len(node.value) > LONGEST_NUMBER:
             raise YamlError(Message("input.long-number", limit=LONGEST_NUMBER), node.start_mark)
         return super().construct_scalar(node)

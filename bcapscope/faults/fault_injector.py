@@ -47,7 +47,6 @@ they would otherwise hold, as tc-netem(8) does when its queue is full.
 """
 
 _OUTPUT_COST = 300
-_RESPONSE = Direction.RESPONSE
 
 _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
@@ -303,7 +302,9 @@ class FaultInjector:
     def _schedule(self, faulted: FaultedMessage, notes: tuple[Message, ...]) -> None:
         message = faulted.original
         flow, now = message.flow, message.now
-        back = _to_client(flow) if faulted.replies else flow
+        back = flow
+        if faulted.replies and flow.direction is Direction.REQUEST:
+            back = Flow(flow.conversation, Direction.RESPONSE)
         for late, raw in faulted.replies:
             self._enqueue_send(back, SendBytes(back, raw, notes), now + late)
         if faulted.close_mode is not None:
@@ -385,10 +386,6 @@ def _generated_name(fault: Fault, names: set[str]) -> str:
 
 def _flow_key(flow: Flow) -> _FlowKey:
     return flow.conversation, flow.direction
-
-
-def _to_client(flow: Flow) -> Flow:
-    return flow if flow.direction is _RESPONSE else Flow(flow.conversation, _RESPONSE)
 
 
 def _is_of(output: FaultOutput | None, key: _FlowKey) -> bool:

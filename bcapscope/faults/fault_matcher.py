@@ -54,7 +54,12 @@ class FaultMatcher:
             return False
         if self._test is None and fault.attempt is None:
             return True
-        return any(self._fits_frame(message, index) for index in range(len(message.annotated_frames)))
+        test, frames = self._test, message.annotated_frames
+        numbers = message.attempt_numbers or (None,) * len(frames)
+        return any(
+            (fault.attempt is None or number == fault.attempt) and (test is None or test(frame))
+            for frame, number in zip(frames, numbers, strict=True)
+        )
 
     def draw(self) -> bool:
         """Decide at random, with the fault's probability, whether the fault hits. If the probability is 1, no
@@ -67,12 +72,6 @@ class FaultMatcher:
         self.hit_count += 1
         if self._hits_left:
             self._hits_left -= 1
-
-    def _fits_frame(self, message: WireMessage, index: int) -> bool:
-        attempt = self.fault.attempt
-        if attempt is not None and (not message.attempt_numbers or message.attempt_numbers[index] != attempt):
-            return False
-        return self._test is None or self._test(message.annotated_frames[index])
 
 
 _NEEDS_REQUEST = ("function_id", "function", "command")

@@ -16,7 +16,7 @@ from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
-from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Flow, Observation, Transport
 
@@ -119,6 +119,11 @@ class WireMessage:
     def frames(self) -> tuple[Frame, ...]:
         """Frames of the message; () if the message also contains bytes that are not a frame."""
         return _only_frames([each.observation.item for each in self.annotated_frames])
+
+    @property
+    def call_kind(self) -> CallKind | None:
+        """Function and command that the message calls or answers; None if unknown."""
+        return next((each.call_kind for each in self.annotated_frames if each.call_kind), None)
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
         """Do the same as `annotate`, and find the attempt of each frame."""

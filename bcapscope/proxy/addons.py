@@ -44,7 +44,7 @@ from bcapscope.proxy.script_protocol import (
     wire_sentence,
 )
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind, RecentRequests
+from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import (
     SERVER_PARTICIPANT,
@@ -88,9 +88,7 @@ class PassingMessage:
         self.data = message.data
         self.dropped = False
         self._answers: list[int] = []
-        self.call_kind: CallKind | None = next(
-            (each.call_kind for each in message.annotated_frames if each.call_kind), None
-        )
+        self.call_kind = message.call_kind
         self._frames = message.frames
 
     @property

@@ -4,7 +4,7 @@ recognises the requests that are stops.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -16,7 +16,7 @@ from bcapscope.protocol.guard import always_passes, request_effect
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
 from bcapscope.proxy.policy import PolicyDecision
-from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+from bcapscope.traffic.observation import Direction, Flow, Transport
 
 _SplitRequests: TypeAlias = tuple[list[bytes], list[Frame | bytes]]
 
@@ -73,34 +73,6 @@ class DirectionState:
         """Stop splitting the stream. Return the bytes of an incomplete frame in the splitter."""
         splitter, self.splitter = self.splitter, None
         return [piece.item.raw for piece in splitter.close()] if splitter else []
-
-
-class ClientStates:
-    def __init__(self) -> None:
-        self._directions: dict[int, dict[Direction, DirectionState]] = {}
-        self._numbers: dict[Conversation, int] = {}
-        self._budget = ByteBudget()
-
-    def add(self, client: int, conversation: Conversation, now: int) -> None:
-        self._directions[client] = {
-            each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
-        }
-        self._numbers[conversation] = client
-
-    def remove(self, client: int) -> None:
-        states = self._directions.pop(client)
-        del self._numbers[states[Direction.REQUEST].flow.conversation]
-
-    def directions(self, client: int) -> Mapping[Direction, DirectionState]:
-        """Return the states of both directions of a client; {} for a client that has disconnected."""
-        return self._directions.get(client, {})
-
-    def number_of(self, conversation: Conversation) -> int:
-        return self._numbers[conversation]
-
-    def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """For each client, yield the states of the request direction and of the response direction."""
-        return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
 
 class UndecidedMessage(NamedTuple):

@@ -266,9 +266,7 @@ class Intercept:
             client,
             message.flow,
             message.data,
-            next(
-                (annotated.call_kind for annotated in message.annotated_frames if annotated.call_kind), None
-            ),
+            message.call_kind,
             message.now,
             message.now + self.hold_time,
             message.now,

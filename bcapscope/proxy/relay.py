@@ -198,14 +198,13 @@ class Relay(DescriptorWatcher):
         """Ask the proxy's rules about received data, and carry out their decision."""
         assert self.policy is not None
         decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
-        arrival = _Arrival(session, up, data, received_at)
         if decision.waiting:
-            self._undecided[decision] = arrival
+            self._undecided[decision] = _Arrival(session, up, data, received_at)
             self._perform(decision.actions)
         else:
             # first write the data that still waits, so that the records of this direction stay in order
             self.record_undecided(session, up)
-            self._record_and_perform(arrival, decision)
+            self._record_and_perform(session, up, data, received_at, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
         """Write data of this direction that still waits for a decision to the ring now, so that later records
@@ -216,8 +215,9 @@ class Relay(DescriptorWatcher):
                 del self._undecided[decision]
                 self.ring.write_record(up, session.number, each.received_at, 0, each.data)
 
-    def _record_and_perform(self, arrival: _Arrival, decision: PolicyDecision) -> None:
-        session, up, data, received_at = arrival
+    def _record_and_perform(
+        self, session: RelaySession, up: bool, data: bytes, received_at: int, decision: PolicyDecision
+    ) -> None:
         if not decision.notes and decision.actions == [SendAction(session.number, direction_of(up), data)]:
             sent_at = session.send(up, data)
             self.ring.write_record(up, session.number, received_at, sent_at, data)
@@ -270,7 +270,7 @@ class Relay(DescriptorWatcher):
                     self.counts[RelayCounter.RULED] += bool(action.notes)
                     self._perform(action.actions)
                 else:
-                    self._record_and_perform(arrival, action)
+                    self._record_and_perform(*arrival, action)
             elif isinstance(action, SendAction):
                 up = action.toward is Direction.REQUEST
                 sent_at = session.send(up, action.data)
@@ -343,7 +343,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; return b"" for None. Cut a note that is too long, to English text."""
+    """Encode a note for the ring; return b"" for None. A note that is too long is shortened, in English."""
     if note is None:
         return b""
     data = encode_message(note)

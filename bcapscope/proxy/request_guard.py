@@ -84,8 +84,8 @@ def read_target(text: str) -> GuardTarget:
 
 
 class GuardResult(NamedTuple):
-    """Result of the guard: the bytes of the frames that pass, the frames that don't pass, each with the
-    reason, and the number of bytes that do not belong to a frame.
+    """Result of the guard: the bytes of the frames that pass, the refused frames with their reasons, and the
+    number of bytes that do not belong to a frame.
     """
 
     passing: bytes

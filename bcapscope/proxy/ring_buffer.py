@@ -258,11 +258,10 @@ class RingWriter(_Ring):
         data: bytes | memoryview,
         *,
         note: bytes = b"",
-        kind: RingRecordKind = RingRecordKind.DATA,
     ) -> bool:
         """Write a record. If the ring has no room, count the record as `UNWATCHED` and return False."""
         self.flush()
-        return self._write_or_count((kind, up, client, received_at, sent_at, data, note))
+        return self._write_or_count((RingRecordKind.DATA, up, client, received_at, sent_at, data, note))
 
     def _write_or_count(self, entry: _Entry) -> bool:
         kind, _, client, _, _, data, note = entry

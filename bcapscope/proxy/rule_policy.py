@@ -14,13 +14,15 @@ from msgspec.structs import replace
 
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import FaultOutput, SendBytes, WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
+from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import FrameTemplates
+from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import (
-    ClientStates,
     DirectionState,
     UndecidedMessage,
     is_stop_request,
@@ -29,7 +31,6 @@ from bcapscope.proxy.direction_state import (
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
-from bcapscope.proxy.message_sender import MessageSender
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
@@ -46,6 +47,8 @@ class RulePolicy:
     Attributes:
         shaper: Applies the faults to messages.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
+        refused_requests: Number of requests that the guard refused, or that were refused because their script
+            is off or a stop has overtaken them.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         notify: Function that gets each message for the user.
     """
@@ -66,29 +69,30 @@ class RulePolicy:
         self.dropped_held = 0
         self.notify: Callable[[Message], None] = lambda message: None
         self._epoch = epoch
-        self._clients = ClientStates()
+        self._clients: dict[int, dict[Direction, DirectionState]] = {}
+        self._states: dict[Conversation, dict[Direction, DirectionState]] = {}
+        self._budget = ByteBudget()
         self.guard = guard
-        self._sender = MessageSender(guard)
+        self._replies = ReplyFactory()
+        self.refused_requests = 0
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
 
-    @property
-    def refused_requests(self) -> int:
-        return self._sender.refused_requests
-
     # The relay calls the following methods.
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         """Register a client under a number that no other client gets."""
-        self._clients.add(client, conversation, now)
+        self._clients[client] = self._states[conversation] = {
+            each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
+        }
         if self.scripts is not None:
             self.scripts.send_connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
         """Decide about a datagram, or about the next bytes of a stream."""
-        state = self._clients.directions(client)[direction]
+        state = self._clients[client][direction]
         state.piece_count += 1
         state.last_piece_at = now
         inspects = self._inspects_frames
@@ -105,7 +109,7 @@ class RulePolicy:
         """Return whether rules hold data of this direction, so that the end of the stream has to wait. The
         client may already have disconnected.
         """
-        state = self._clients.directions(client).get(direction)
+        state = self._clients.get(client, {}).get(direction)
         return state is not None and (
             bool(state.splitter and state.splitter.pending_bytes)
             or self.shaper.holds(state.flow)
@@ -124,7 +128,7 @@ class RulePolicy:
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
         """Apply the rules to an incomplete frame at the end of a stream. Return the resulting actions."""
-        state, work = self._clients.directions(client)[direction], PolicyDecision(client)
+        state, work = self._clients[client][direction], PolicyDecision(client)
         state.has_ended = True
         for piece in state.take_incomplete():
             self._process(state, piece, now, work)
@@ -135,7 +139,7 @@ class RulePolicy:
         """Return whether a fault hides each FIN and RST of the client from the controller, and those of the
         controller from the client.
         """
-        state = self._clients.directions(client).get(Direction.REQUEST)
+        state = self._clients.get(client, {}).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
@@ -150,7 +154,7 @@ class RulePolicy:
             if action.client == client:
                 work.actions += action.actions if isinstance(action, PolicyDecision) else (action,)
         self._outbox = [action for action in self._outbox if action.client != client]
-        for direction, state in self._clients.directions(client).items():
+        for direction, state in self._clients[client].items():
             held = self.shaper.pop_held(state.flow)
             held += (each.data for each in self.intercept.remove_held(state.flow))
             held += self.scripts.remove_messages(state.flow) if self.scripts is not None else ()
@@ -161,24 +165,21 @@ class RulePolicy:
                 held, dropped = split_held_requests(state, held)
                 lost += dropped
             for data in held:
-                self._sender.send(state, data, Message("held.sent-at-end"), work)
+                self._send(state, data, Message("held.sent-at-end"), work)
         if lost:
-            who = self._clients.directions(client)[Direction.REQUEST].flow.conversation.client
+            who = self._clients[client][Direction.REQUEST].flow.conversation.client
             self.notify(Message("held.lost", client=str(who), messages=names_with_counts(lost)))
             self.dropped_held += len(lost)
         return work.actions
 
     def remove_client(self, client: int, now: int) -> None:
-        flows = [state.flow for state in self._clients.directions(client).values()]
-        self._clients.remove(client)
-        for flow in flows:
-            self.intercept.remove_held(flow)
-        for each in (self._sender, self.shaper, self.intercept, self._recent_requests):
-            each.close_conversation(flows[0].conversation)
-        self._outbox = [action for action in self._outbox if action.client != client]
+        """Drop a client, and everything that the rules still hold of it."""
+        self.release_held(client, now)
+        conversation = self._clients.pop(client)[Direction.REQUEST].flow.conversation
+        del self._states[conversation]
+        for each in (self._replies, self.shaper, self.intercept, self._recent_requests):
+            each.close_conversation(conversation)
         if self.scripts is not None:
-            for flow in flows:
-                self.scripts.remove_messages(flow)
             self.scripts.send_gone(client, now)
 
     def due(self) -> int | None:
@@ -231,13 +232,13 @@ class RulePolicy:
 
     def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
         """For each client, yield the states of its request direction and of its response direction."""
-        return self._clients.pairs()
+        return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._clients.values())
 
     def on_rules_changed(self, now: int) -> None:
         """After a change of faults or intercept, forward incomplete frames that no rule needs any more."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
-        split = [state for pair in self._clients.pairs() for state in pair if state.splitter is not None]
+        split = [state for pair in self.clients() for state in pair if state.splitter is not None]
         for state in split:
             work = PolicyDecision(state.client)
             for rest in state.cut_messages(b"", into_frames=False):
@@ -269,7 +270,7 @@ class RulePolicy:
         if self._inspects_frames:
             self._messages += 1
             message = self._message(self._messages, state.flow, data, now)
-            self._sender.on_message(state.flow, data)
+            self._replies.on_message(state.flow, data)
             passing = self._show_to_scripts(state, message, work)
             if passing is not None:
                 self._intercept_and_fault(state, passing, now, work)
@@ -289,7 +290,7 @@ class RulePolicy:
         decides = scripts.decides(state.flow.direction)
         if not decides or is_stop_request(message):
             if decides:
-                mark_overtaken(message, state, (up for up, _ in self._clients.pairs()))
+                mark_overtaken(message, state, (up for up, _ in self.clients()))
             scripts.show_message(state.client, message, None)
             return message
         if message.is_datagram and not scripts.has_room(state.client):
@@ -322,7 +323,8 @@ class RulePolicy:
         self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: PolicyDecision
     ) -> WireMessage | None:
         for code in answer.results:
-            self._sender.answer(state, message.frames, code, Message("addon.answered"), work)
+            for frame in message.frames:
+                self._answer(state, frame, code, Message("addon.answered"), work)
         if answer.dropped:
             work.notes.append(Message("addon.answered" if answer.results else "addon.dropped"))
             return None
@@ -347,7 +349,7 @@ class RulePolicy:
         refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
         if not refused:
             return message
-        self._sender.refuse(state, refused, note, work)
+        self._refuse(state, refused, note, work)
         work.notes.append(note)
         passing = b"".join(item.raw for item in items if item not in refused)
         return self._message(message.number, message.flow, passing, message.now) if passing else None
@@ -372,7 +374,7 @@ class RulePolicy:
     def _forward_held(
         self, held: HeldMessage, data: bytes, note: Message, now: int
     ) -> list[SendAction | CloseAction]:
-        state, work = self._clients.directions(held.client)[held.flow.direction], PolicyDecision(held.client)
+        state, work = self._clients[held.client][held.flow.direction], PolicyDecision(held.client)
         self._apply_faults(state, data, now, work)
         return [
             replace(action, note=note) if isinstance(action, SendAction) and action.note is None else action
@@ -393,11 +395,43 @@ class RulePolicy:
         for output in outputs:
             note = joined_clauses(output.fault_notes)
             if isinstance(output, SendBytes):
-                flow = output.flow
-                client = self._clients.number_of(flow.conversation)
-                state = self._clients.directions(client)[flow.direction]
-                self._sender.send(state, output.data, note, work)
+                state = self._states[output.conversation][output.flow.direction]
+                self._send(state, output.data, note, work)
             else:
-                number = self._clients.number_of(output.conversation)
+                client = self._states[output.conversation][Direction.REQUEST].client
                 assert note is not None
-                work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))
+                work.actions.append(CloseAction(client, output.how is CloseMode.RESET, note))
+
+    def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
+        """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a
+        stream that no proxy rule changed are sent in one piece.
+        """
+        direction = state.flow.direction
+        if self.guard is not None and direction is Direction.REQUEST:
+            data, refused, dropped = self.guard.filter_frames(data)
+            for frame, why in refused:
+                work.notes.append(Message("guard.answered", reason=why))
+                self._refuse(state, (frame,), Message("guard.refused", reason=why), work)
+            if dropped:
+                work.notes.append(Message("guard.dropped"))
+            if not data:
+                return
+        last = work.actions[-1] if work.actions and state.is_stream and note is None else None
+        if isinstance(last, SendAction) and last == SendAction(state.client, direction, last.data):
+            work.actions[-1] = SendAction(state.client, direction, last.data + data)
+        else:
+            work.actions.append(SendAction(state.client, direction, data, note))
+
+    def _refuse(
+        self, state: DirectionState, requests: Sequence[Frame], note: Message, work: PolicyDecision
+    ) -> None:
+        self.refused_requests += len(requests)
+        for request in requests:
+            self._answer(state, request, E_ACCESSDENIED, note, work)
+
+    def _answer(
+        self, state: DirectionState, request: Frame, code: int, note: Message, work: PolicyDecision
+    ) -> None:
+        """Reply to a request in place of the controller, with a result code and no value."""
+        raw = self._replies.make_reply(state.flow.conversation, request, code)
+        work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))

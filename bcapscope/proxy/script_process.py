@@ -124,7 +124,7 @@ class ScriptProcess:
                     )
                 if left <= 0:
                     return False
-                if select.select([self._socket], [], [], left)[0] and (data := self._receive()) is not None:
+                if select.select([self._socket], [], [], left)[0] and (data := self.receive()) is not None:
                     if not data:
                         raise self._load_error(Message("script.ended-loading", names=self.names))
                     self._statements.feed_bytes(data)
@@ -165,9 +165,14 @@ class ScriptProcess:
         self._backlog += frame
         self._flush()
 
-    def receive(self) -> bytes:
-        """Return the bytes that have arrived; b"" if there are none, or if the process has ended."""
-        return self._receive() or b""
+    def receive(self) -> bytes | None:
+        """Return the bytes that have arrived; None if there are none yet, b"" if the process has ended."""
+        try:
+            return self._socket.recv(1 << 16)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b""
 
     def locate(self) -> None:
         """Make the process report the script line that it executes."""
@@ -193,7 +198,7 @@ class ScriptProcess:
             readable, writable, _ = select.select([self._socket], writers, [], _POLL_INTERVAL)
             if writable:
                 self._flush()
-            if readable and (data := self._receive()) is not None:
+            if readable and (data := self.receive()) is not None:
                 if not data:
                     return False
                 if is_done(data):
@@ -213,22 +218,13 @@ class ScriptProcess:
         if happened & WRITE:
             self._flush()
         if happened & ~WRITE:
-            data = self._receive()
+            data = self.receive()
             now = time.monotonic_ns()
             assert self._rules is not None
             if data == b"":
                 self._unwatch()
             if data is not None:
                 self._rules.on_script_data(data, now)
-
-    def _receive(self) -> bytes | None:
-        """Return the bytes that have arrived; None if there are none yet, b"" if the process has ended."""
-        try:
-            return self._socket.recv(1 << 16)
-        except BlockingIOError:
-            return None
-        except OSError:
-            return b""
 
     def _flush(self) -> None:
         """Write as many pending bytes as the socket accepts. The relay calls this again when it

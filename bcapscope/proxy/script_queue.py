@@ -80,8 +80,8 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet. `message` is the message that the order shows to the
-    scripts, if any. `undecided` is the same message, if it waits for a decision.
+    """An order that the scripts have not answered yet. `message` is the message that it shows to the scripts;
+    `undecided` is the same message, if it waits for a decision.
     """
 
     hook: str
@@ -241,21 +241,16 @@ class ScriptQueue:
             self._send_order(ExpireCalls(time), PendingOrder("settled", now))
         else:
             # An answer that arrived in time counts, even if the relay reads it too late.
-            yield from self.on_data(self._process.receive(), now)
-            yield from self._check_time_limit(now)
-
-    def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off if they take too long. If the relay itself was late, allow more time, but
-        only once."""
-        due = self.due()
-        if not self.is_on or not self._queue or due is None or now < due:
-            return
-        if now - due > _LATE and not self._was_late:
-            self._was_late = True
-            self._relay_delay += now - due + self._limit
-        else:
-            self._switch_off(self._slow_reason(now), now)
-            yield from self._flush_undecided()
+            yield from self.on_data(self._process.receive() or b"", now)
+            due = self.due()
+            if not self.is_on or not self._queue or due is None or now < due:
+                return
+            if now - due > _LATE and not self._was_late:  # the relay itself was late: allow more time once
+                self._was_late = True
+                self._relay_delay += now - due + self._limit
+            else:
+                self._switch_off(self._slow_reason(now), now)
+                yield from self._flush_undecided()
 
     # queries of the policy
 

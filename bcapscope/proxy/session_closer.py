@@ -7,7 +7,7 @@ back, release handles or stop the service. None of these requests moves the robo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from bcapscope.messages import Message
@@ -43,45 +43,37 @@ class CloseSequence(NamedTuple):
     requests: tuple[bytes, ...]
 
 
-class _ClientState:
-    def __init__(self) -> None:
-        self.arm_handles: dict[int, None] = {}
-        self.serial = 0
-        self.convention = ReservedConvention.UNKNOWN
-
-
 class SessionCloser(PipelineSubscriber):
-    """Remembers the last serial and the arms of each client, to close sessions that clients leave open."""
+    """Remembers the last call and the arms of each client, to close sessions that clients leave open."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""
         self._handles = handles
         self._slave_mode = slave_mode
-        self._states: dict[Conversation, _ClientState] = {}
+        self._last_calls: dict[Conversation, Call] = {}
+        self._arm_handles: dict[Conversation, dict[int, None]] = {}
         self._left_open: dict[Conversation, Message | None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        state = self._states.get(call.conversation)
-        if state is None:
-            state = self._states[call.conversation] = _ClientState()
-        state.serial = call.last_attempt.item.serial
-        state.convention = call.convention
-        command = (call.kind.command or "").casefold()
+        self._last_calls[call.conversation] = call
+        command = call.kind.folded_command
         if command in (_TAKE, _GIVE):
             handle = handle_of(call.request.item)
             if handle is None or call.hresult is None or is_failure(call.hresult):
                 return
+            arm_handles = self._arm_handles.setdefault(call.conversation, {})
             if command == _TAKE:
-                state.arm_handles[handle] = None
+                arm_handles[handle] = None
             else:
-                state.arm_handles.pop(handle, None)
+                arm_handles.pop(handle, None)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         self._left_open[conversation] = self._open_state(conversation)
-        self._states.pop(conversation, None)
+        self._last_calls.pop(conversation, None)
+        self._arm_handles.pop(conversation, None)
 
     def pop_left_open(self, client: Conversation) -> Message | None:
         """Return what a removed client left open besides handles. A second call returns None."""
@@ -93,28 +85,29 @@ class SessionCloser(PipelineSubscriber):
             CloseSequence(
                 session.conversation,
                 self._open_state(session.conversation),
-                tuple(_closing_requests(session, state, self._slave_mode.find(session.conversation).robots)),
+                tuple(self._closing_requests(session, last_call)),
             )
             for session in self._handles.sessions()
             if session.ending is SessionEnding.OPEN
             and session.conversation.transport is Transport.UDP
-            and (state := self._states.get(session.conversation)) is not None
+            and (last_call := self._last_calls.get(session.conversation)) is not None
         )
 
     def _open_state(self, client: Conversation) -> Message | None:
-        state = self._states.get(client)
-        has_arm = state is not None and state.arm_handles
+        has_arm = bool(self._arm_handles.get(client))
         if self._slave_mode.find(client).robots:
             return Message("session.open.both" if has_arm else "session.open.slave-mode")
         return Message("session.open.arm") if has_arm else None
 
-
-def _closing_requests(session: ServiceSession, state: _ClientState, robots: Iterable[int]) -> Iterator[bytes]:
-    """Yield the frames that close a session. The frames continue the client's serials, and use the client's
-    convention for the reserved field."""
-    objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
-    serial = state.serial
-    for function_id, arguments in closing_calls(robots, state.arm_handles, objects):
-        serial = serial % 0xFFFF + 1
-        reserved = serial if state.convention is ReservedConvention.OWN else 0
-        yield encode_frame(serial, reserved, function_id, arguments)
+    def _closing_requests(self, session: ServiceSession, last_call: Call) -> Iterator[bytes]:
+        """Yield the frames that close a session. The frames continue the client's serials, and use the
+        client's convention for the reserved field.
+        """
+        robots = self._slave_mode.find(session.conversation).robots
+        arms = self._arm_handles.get(session.conversation, {})
+        objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
+        serial = last_call.last_attempt.item.serial
+        for function_id, arguments in closing_calls(robots, arms, objects):
+            serial = serial % 0xFFFF + 1
+            reserved = serial if last_call.convention is ReservedConvention.OWN else 0
+            yield encode_frame(serial, reserved, function_id, arguments)

@@ -68,7 +68,7 @@ def started(folder: Path, text: str) -> Iterator[tuple[ScriptProcess, Watcher]]:
 def test_a_script_that_is_loaded_has_nothing_more_to_say(tmp_path: Path) -> None:
     with started(tmp_path, OBSERVER) as (process, watcher):
         assert process.load(PATIENCE)
-        assert process.receive() == b""
+        assert process.receive() is None
         process.send(b"\0\0\0\0")
         assert watcher.masks == [READ]
 

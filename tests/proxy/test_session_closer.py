@@ -99,7 +99,7 @@ def test_the_clients_convention_is_kept() -> None:
     session = Session(own=True)
     session.begin()
     assert [(serial, reserved) for _, serial, reserved, _ in session.ends()] == [(4, 4), (5, 5), (6, 6)]
-    assert session.closer._states[session.conversation].convention is ReservedConvention.OWN
+    assert session.closer._last_calls[session.conversation].convention is ReservedConvention.OWN
 
 
 def test_what_was_given_back_is_not_given_back_again() -> None:
