@@ -159,12 +159,12 @@ def _arrow_types(pyarrow: Any) -> dict[ColumnType, Any]:
 def _numbers(frame: Frame | None) -> list[float] | None:
     """Return the numbers in the frame's last argument; None if there is no argument, or no number in it."""
     variants = () if frame is None else frame.variants
-    numbers = [float(each) for each in iter_numbers(variants[-1]) if _is_number(each)] if variants else []
+    numbers = (
+        [float(each) for each in iter_numbers(variants[-1]) if not isinstance(each, bytes)]
+        if variants
+        else []
+    )
     return numbers or None
-
-
-def _is_number(value: float | bytes) -> bool:
-    return isinstance(value, int | float)
 
 
 def _text(text: str | None) -> str | None:

@@ -26,8 +26,9 @@ class CaptionWriter:
     palette: Palette
     words: MessageFormatter
 
-    def text(self, message: Message) -> str:
-        return printable(self.words.text(message))
+    def text(self, text: Message | str) -> str:
+        """Return a message as escaped text. A string must be escaped already."""
+        return printable(self.words.text(text)) if isinstance(text, Message) else text
 
     def label(self, id: str, /, **places: PlaceValue) -> str:
         """Return the escaped text of the message with this id."""
@@ -37,26 +38,21 @@ class CaptionWriter:
         return self.words("list.comma").join(map(self.text, messages))
 
     def captioned(self, caption: str, text: Message | str) -> str:
-        """Return a line that begins with the caption `slave.caption.<caption>`.
-
-        A string passed as `text` must be escaped.
-        """
+        """Return a line that begins with the caption `slave.caption.<caption>`."""
         name = self.label(f"slave.caption.{caption}")
         space = " " * (CAPTION_WIDTH - display_width(name))
-        shown = self.text(text) if isinstance(text, Message) else text
-        return f"  {self.palette.dim}{name}{space}{self.palette.reset}{shown}".rstrip()
+        return f"  {self.palette.dim}{name}{space}{self.palette.reset}{self.text(text)}".rstrip()
 
     def continued(self, text: Message | str) -> str:
         """Return a line without a caption, for more text that belongs to the caption above."""
-        return f"  {'':<{CAPTION_WIDTH}}{self.text(text) if isinstance(text, Message) else text}"
+        return f"  {'':<{CAPTION_WIDTH}}{self.text(text)}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
         """Yield more text for the caption above. Each line has the colour `color` and at most `TEXT_WIDTH`
         columns.
         """
-        shown = self.text(text) if isinstance(text, Message) else text
         reset = self.palette.reset if color else ""
-        return (self.continued(f"{color}{line}{reset}") for line in wrap_text(shown, TEXT_WIDTH))
+        return (self.continued(f"{color}{line}{reset}") for line in wrap_text(self.text(text), TEXT_WIDTH))
 
     def table(self, rows: Sequence[Sequence[str]], alignments: str, head_rows: int = 1) -> Iterator[str]:
         """Yield the lines of a table; the first `head_rows` lines are dim."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.slave.buffer_model import BufferFacts, PredictedUnderflow
 from bcapscope.analysis.slave.controller_clock import ClockFacts
-from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts, Peak
+from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts
 from bcapscope.analysis.slave.session_slices import SessionSlice
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.slave.timing_model import TimingFacts
@@ -15,7 +15,7 @@ from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Quantity, Times, frames_text
 from bcapscope.render.captioned import CaptionWriter, frames_message
-from bcapscope.render.text_charts import edges_around, edges_by_decades, histogram
+from bcapscope.render.text_charts import DECADE_EDGES, edges_around, histogram
 
 _SLICE_COLUMNS = (
     *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),
@@ -29,7 +29,10 @@ def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
     mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
     rows: list[tuple[str, ...]] = [("ms", mean, "p50", "p90", "p99", "p99.9", most)]
     rows += [
-        (writer.label(f"slave.row.{name}"), *_points(each))
+        (
+            writer.label(f"slave.row.{name}"),
+            *_cells(each.mean, each.p50, each.p90, each.p99, each.p999, each.most),
+        )
         for name, each in zip(names, found, strict=True)
         if each is not None
     ]
@@ -45,7 +48,7 @@ def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
         yield from _cycle_lines(timing, timing.cycle, writer)
     if timing.latency is not None:
         yield writer.captioned("latencies", Message("slave.latencies"))
-        yield from _histogram(timing.latency, edges_by_decades(), writer)
+        yield from _histogram(timing.latency, DECADE_EDGES, writer)
 
 
 def _cycle_lines(timing: TimingFacts, cycle: DistributionSummary, writer: CaptionWriter) -> Iterator[str]:
@@ -72,11 +75,6 @@ def _grid_messages(timing: TimingFacts, cycle: DistributionSummary) -> Iterator[
         yield Message("slave.grid.skipped", n=timing.skipped, limit=limit)
     if timing.backwards:
         yield Message("slave.grid.backwards", n=timing.backwards)
-
-
-def _points(found: DistributionSummary) -> tuple[str, ...]:
-    values = found.mean, found.p50, found.p90, found.p99, found.p999, found.most
-    return tuple(f"{value:.3f}" for value in values)
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
@@ -261,17 +259,12 @@ def _axis(axis: AxisMotion, words: MessageFormatter) -> tuple[str, ...]:
         f"{axis.name}{unit}",
         _short_number(axis.least),
         _short_number(axis.most),
-        _peak(step),
-        "" if step is None else frames_text((step.frame,), words),
+        *(("", "") if step is None else (_short_number(step.value), frames_text((step.frame,), words))),
         *_p99_and_max(axis.velocity),
         *_p99_and_max(axis.acceleration),
         *_p99_and_max(axis.difference),
         "" if axis.lag_cycles is None else f"{axis.lag_cycles:.1f}",
     )
-
-
-def _peak(peak: Peak | None) -> str:
-    return "" if peak is None else _short_number(peak.value)
 
 
 def _p99_and_max(found: DistributionSummary | None) -> tuple[str, str]:

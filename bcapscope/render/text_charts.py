@@ -113,17 +113,14 @@ _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _NEAR = tuple(2.0**-power for power in range(10, 1, -1))
 _AROUND = (0.5, 0.75, 0.875, 0.9375, 0.9875, 1.0125, 1.0625, 1.125, 1.25, 1.5, 2.0, 3.0)
 _FAR = tuple(2.0**power for power in range(2, 21))
-_STEPS = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5))
+
+DECADE_EDGES = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5))
+"""Bin edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
 
 
 def edges_around(period: float) -> tuple[float, ...]:
     """Return bin edges for values near `period`: narrow bins around `period`, wide bins far from it."""
     return tuple(period * factor for factor in (*_NEAR, *_AROUND, *_FAR))
-
-
-def edges_by_decades() -> tuple[float, ...]:
-    """Return bin edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
-    return _STEPS
 
 
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
