@@ -18,12 +18,13 @@ from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
 from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.render.captioned import CaptionWriter, frames_message
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.slave_figures import (
+    CaptionWriter,
     buffer_lines,
     clock_lines,
     deadline_lines,
+    frames_message,
     motion_lines,
     slice_lines,
     timing_lines,
