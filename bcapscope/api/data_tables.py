@@ -11,7 +11,7 @@ from bcapscope.errors import MissingExtraError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import iter_numbers
 from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 
 if TYPE_CHECKING:
@@ -187,10 +187,6 @@ def _milliseconds(duration: int | None) -> float | None:
     return None if duration is None else duration / 1e6
 
 
-def _number_of(seen: FrameObservation | None) -> int | None:
-    return None if seen is None else seen.number
-
-
 _INTEGER, _OPTIONAL, _TEXT = ColumnType.INTEGER, ColumnType.OPTIONAL_INTEGER, ColumnType.TEXT
 
 FRAME_COLUMNS: tuple[DataColumn[AnnotatedFrame], ...] = (
@@ -235,7 +231,7 @@ CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
     DataColumn("unseen_retries", _INTEGER, lambda call: call.unseen_retries),
     DataColumn("executing", _INTEGER, lambda call: len(call.notices)),
     DataColumn("request_frame", _INTEGER, lambda call: call.request.number),
-    DataColumn("reply_frame", _OPTIONAL, lambda call: _number_of(call.reply)),
+    DataColumn("reply_frame", _OPTIONAL, lambda call: None if call.reply is None else call.reply.number),
     DataColumn("request_numbers", ColumnType.NUMBERS, lambda call: _numbers(call.request.item)),
     DataColumn(
         "reply_numbers",

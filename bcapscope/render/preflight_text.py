@@ -140,7 +140,16 @@ def preflight_record(preflight: PreflightResult) -> bytes:
             "type": trajectory.kind.value,
             "set_points": len(trajectory),
             "period_ms": None if trajectory.period is None else trajectory.period * 1000,
-            "columns": [_column_record(column) for column in source.columns],
+            "columns": [
+                {
+                    "axis": column.axis,
+                    "column": column.position,
+                    "title": printable(column.name),
+                    "unit": column.unit,
+                    "factor": column.factor,
+                }
+                for column in source.columns
+            ],
             "notes": [printable(str(note)) for note in source.notes],
             "cycle_ms": preflight.period * 1000,
             "seconds": preflight.seconds,
@@ -186,16 +195,6 @@ def _bounded_number(value: float, digits: int) -> str:
     stay short.
     """
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
-
-
-def _column_record(column: Column) -> dict[str, object]:
-    return {
-        "axis": column.axis,
-        "column": column.position,
-        "title": printable(column.name),
-        "unit": column.unit,
-        "factor": column.factor,
-    }
 
 
 def _axis_record(figures: AxisFigures) -> dict[str, object]:

@@ -153,7 +153,7 @@ def _texts(parts: Iterable[str]) -> dict[str, str]:
 
 def _lua(value: object) -> str:
     if isinstance(value, str):
-        return _lua_string(value)
+        return '"' + "".join(map(_lua_char, value)) + '"'
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
@@ -162,10 +162,6 @@ def _lua(value: object) -> str:
     if isinstance(value, Sequence):
         return f"{{ {', '.join(map(_lua, value))} }}"
     return f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
-def _lua_string(text: str) -> str:
-    return '"' + "".join(map(_lua_char, text)) + '"'
 
 
 def _lua_char(char: str) -> str:
