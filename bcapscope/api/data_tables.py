@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from bcapscope.errors import MissingExtraError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import iter_numbers
-from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.filter.getters import AnnotatedFrame
+from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS, AnnotatedFrame
 
 if TYPE_CHECKING:
     import pandas
@@ -179,10 +178,6 @@ def _time(time: int) -> int | None:
     return time if abs(time) < 1 << 63 else None
 
 
-def _result_name(code: int | None) -> str | None:
-    return None if code is None else hresult_name(code)
-
-
 def _milliseconds(duration: int | None) -> float | None:
     return None if duration is None else duration / 1e6
 
@@ -198,15 +193,13 @@ FRAME_COLUMNS: tuple[DataColumn[AnnotatedFrame], ...] = (
     DataColumn("transport", _TEXT, lambda each: each.conversation.transport.value),
     DataColumn("kind", _TEXT, lambda each: each.kind),
     DataColumn("bytes", _INTEGER, lambda each: len(each.raw)),
-    DataColumn("serial", _OPTIONAL, lambda each: None if each.frame is None else each.frame.serial),
-    DataColumn("reserved", _OPTIONAL, lambda each: None if each.frame is None else each.frame.reserved),
-    DataColumn(
-        "function_id", _OPTIONAL, lambda each: None if each.call_kind is None else each.call_kind.function_id
-    ),
+    DataColumn("serial", _OPTIONAL, FRAME_GETTERS["serial"]),
+    DataColumn("reserved", _OPTIONAL, FRAME_GETTERS["reserved"]),
+    DataColumn("function_id", _OPTIONAL, FRAME_GETTERS["function_id"]),
     DataColumn("function", _TEXT, lambda each: each.function),
     DataColumn("command", _TEXT, lambda each: _text(each.command)),
     DataColumn("hresult", _OPTIONAL, lambda each: each.hresult),
-    DataColumn("hresult_name", _TEXT, lambda each: _result_name(each.hresult)),
+    DataColumn("hresult_name", _TEXT, FRAME_GETTERS["hresult_name"]),
     DataColumn("numbers", ColumnType.NUMBERS, lambda each: _numbers(each.frame)),
     DataColumn("problems", _INTEGER, lambda each: len(each.problems)),
 )
@@ -222,7 +215,7 @@ CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
     DataColumn("function", _TEXT, lambda call: call.function),
     DataColumn("command", _TEXT, lambda call: _text(call.command)),
     DataColumn("hresult", _OPTIONAL, lambda call: call.hresult),
-    DataColumn("hresult_name", _TEXT, lambda call: _result_name(call.hresult)),
+    DataColumn("hresult_name", _TEXT, CALL_GETTERS["hresult_name"]),
     DataColumn("latency_ms", ColumnType.FLOAT, lambda call: _milliseconds(call.latency)),
     DataColumn("rtt_ms", ColumnType.FLOAT, lambda call: _milliseconds(call.rtt)),
     DataColumn("outcome", _TEXT, lambda call: call.outcome.value),

@@ -18,9 +18,7 @@ from bcapscope.player.trajectory import Column, Trajectory
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
-
-NARROWEST, WIDEST = 40, 120
-"""Minimum and maximum width of wrapped text, in columns."""
+from bcapscope.render.findings import NARROWEST, WIDEST
 
 _LONGEST_TITLE = 40
 _LARGEST_SHOWN = 1e12
