@@ -26,11 +26,6 @@ class RecordingContext(ABC):
 
     With `async with`, a thread enters and leaves the block, so that the event loop continues. If the task is
     cancelled, everything is released before the cancellation continues.
-
-    Attributes:
-        host: Address for clients.
-        port: Port for clients, UDP and TCP; 0 before the `with` block begins.
-        recording: Capture of the traffic. A temporary file exists until the block ends.
     """
 
     def __init__(self, record: str | Path | None) -> None:

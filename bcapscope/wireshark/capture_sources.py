@@ -49,13 +49,9 @@ class DialogOption:
 
     Attributes:
         call: Name that Wireshark passes, such as `--port`.
-        label: Label of the input.
-        tooltip: Text that explains the input.
-        default: Initial value; "" for none.
         placeholder: Example that Wireshark shows in an empty input.
         choices: Maps each value of a list to the text that Wireshark shows for this value.
         range: Smallest and largest number; "" for no limits.
-        is_required: Whether Wireshark asks for a value before it captures.
         option: Name of the command's option; "" if the name is the same as `call`.
         each_value: If the input can contain several values, the pattern of one value. If the input contains
             several values, the command gets the option once for each value.
