@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 from itertools import islice
 from typing import NamedTuple
@@ -183,7 +183,7 @@ _NAME_WIDTH = 20
 _INDENT = "  "
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class FrameTreeRenderer:
     """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
     follows each tree.
@@ -198,64 +198,40 @@ class FrameTreeRenderer:
     words: MessageFormatter = ENGLISH_WORDS
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
+        color = self.palette
         for section in frame_sections(observation, call_kind):
             if section.caption is not None:
-                yield f"{self.palette.dim}{self.words.text(section.caption)}{self.palette.reset}"
-            yield from self._section(section)
+                yield f"{color.dim}{self.words.text(section.caption)}{color.reset}"
+            highlights = []
+            for row in field_rows(section, self.full, self.words):
+                if row.kind is FieldRowKind.PROBLEM:
+                    highlights.append(Highlight(row.start, row.stop, color.problem))
+                yield from self._row_lines(row, section.body)
+            if self.dump and section.body:
+                yield ""
+                yield from hexdump(section.body, highlights, color)
 
-    def _section(self, section: FrameSection) -> Iterator[str]:
-        page = _TreeSection(self.palette, self.full, section.body)
-        for row in field_rows(section, self.full, self.words):
-            yield from page.row_lines(row)
-        if self.dump and section.body:
-            yield ""
-            yield from hexdump(section.body, page.highlights, self.palette)
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class _TreeSection:
-    """Writes the lines of one section. `highlights` collects the positions of bytes that have problems."""
-
-    palette: Palette
-    full: bool
-    body: bytes
-    highlights: list[Highlight] = dataclasses.field(default_factory=list)
-
-    def row_lines(self, row: FieldRow) -> Iterator[str]:
-        color = self.palette
-        margin = " " * (self._offsets_width + _HEX_WIDTH + 3) + _INDENT * row.depth
+    def _row_lines(self, row: FieldRow, body: bytes) -> Iterator[str]:
+        """Yield the line of a row. With `full`, further lines show the remaining bytes of a long field."""
+        color, indent, digits = self.palette, _INDENT * row.depth, len(str(len(body)))
+        offsets_width = 2 * digits + 2
+        margin = " " * (offsets_width + _HEX_WIDTH + 3) + indent
         if row.kind is FieldRowKind.PROBLEM:
-            self.highlights.append(Highlight(row.start, row.stop, color.problem))
             yield f"{margin}{color.problem}!! {row.text}{color.reset}"
-        elif row.kind is FieldRowKind.NOTE:
+            return
+        if row.kind is FieldRowKind.NOTE:
             yield f"{margin}{color.dim}{row.text}{color.reset}"
-        else:
-            yield from self._field_lines(row)
-
-    def _field_lines(self, row: FieldRow) -> Iterator[str]:
-        color = self.palette
-        shown = self.body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
-        name = f"{_INDENT * row.depth}{color.name}{row.name}{color.reset}"
-        padding = " " * (_NAME_WIDTH - len(_INDENT) * row.depth - len(row.name) if row.text else 0)
-        text = f"{' ' if row.text else ''}{colored_value(row, color)}"
-        offsets = self._offsets_text(row.start, row.stop)
-        yield f"{offsets}  {self._hex_text(shown)}  {name}{padding}{text}".rstrip()
+            return
+        last = f"..{row.stop - 1:<{digits}}" if row.stop - row.start > 1 else ""
+        offsets = f"{row.start:>{digits}}{last}" if row.stop > row.start else ""
+        shown = body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
+        padding = " " * (_NAME_WIDTH - len(indent) - len(row.name)) + " " if row.text else ""
+        name = f"{indent}{color.name}{row.name}{color.reset}{padding}{colored_value(row, color)}"
+        head = f"{color.dim}{offsets:<{offsets_width}}{color.reset}"
+        yield f"{head}  {self._hex_text(shown)}  {name}".rstrip()
         if self.full:
             for start in range(BYTES_SHOWN, len(shown), BYTES_SHOWN):
-                yield f"{' ' * self._offsets_width}  {self._hex_text(shown[start:])}".rstrip()
-
-    @property
-    def _digits(self) -> int:
-        return len(str(len(self.body)))
-
-    @property
-    def _offsets_width(self) -> int:
-        return 2 * self._digits + 2
-
-    def _offsets_text(self, start: int, stop: int) -> str:
-        last = f"..{stop - 1:<{self._digits}}" if stop - start > 1 else ""
-        text = f"{start:>{self._digits}}{last}" if stop > start else ""
-        return f"{self.palette.dim}{text:<{self._offsets_width}}{self.palette.reset}"
+                yield f"{' ' * offsets_width}  {self._hex_text(shown[start:])}".rstrip()
 
     def _hex_text(self, data: bytes) -> str:
         text = data[:BYTES_SHOWN].hex(" ")
