@@ -78,7 +78,9 @@ def _result_code(name: str) -> int:
 
 
 class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
-    """A number with a name: the function of a request, or the result code of a reply."""
+    """A number with a name: the function of a request, or the result code of a reply. The value of the field
+    `function` is the function's name, as in filters and JSON.
+    """
 
     __slots__ = ("_find", "_name_of")
 
@@ -104,16 +106,10 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
             return "None"
         return self._name_of(x) if isinstance(x, int) else repr(x)
 
-
-class _FunctionField(_CodeField):
-    """The function of a request. The field's value is the function's name, as in filters and JSON."""
-
-    __slots__ = ()
-
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
         if isinstance(x, list):
             return [self.i2h(pkt, each) for each in x]
-        return self._name_of(x) if isinstance(x, int) else x
+        return self._name_of(x) if isinstance(x, int) and self.name == "function" else x
 
 
 class _ReadArguments(list[Variant]):
@@ -208,7 +204,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         LEShortField("serial", 1),
         LEShortField("reserved", 0),
         ConditionalField(
-            _FunctionField("function", 1, _function_id, function_name),
+            _CodeField("function", 1, _function_id, function_name),
             lambda packet: not packet.is_response,
         ),
         ConditionalField(

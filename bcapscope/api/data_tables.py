@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from bcapscope.errors import MissingExtraError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import iter_numbers
-from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.traffic.call import Call, FrameObservation
-from bcapscope.traffic.filter.getters import AnnotatedFrame
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS, AnnotatedFrame
 
 if TYPE_CHECKING:
     import pandas
@@ -159,12 +158,12 @@ def _arrow_types(pyarrow: Any) -> dict[ColumnType, Any]:
 def _numbers(frame: Frame | None) -> list[float] | None:
     """Return the numbers in the frame's last argument; None if there is no argument, or no number in it."""
     variants = () if frame is None else frame.variants
-    numbers = [float(each) for each in iter_numbers(variants[-1]) if _is_number(each)] if variants else []
+    numbers = (
+        [float(each) for each in iter_numbers(variants[-1]) if not isinstance(each, bytes)]
+        if variants
+        else []
+    )
     return numbers or None
-
-
-def _is_number(value: float | bytes) -> bool:
-    return isinstance(value, int | float)
 
 
 def _text(text: str | None) -> str | None:
@@ -179,16 +178,8 @@ def _time(time: int) -> int | None:
     return time if abs(time) < 1 << 63 else None
 
 
-def _result_name(code: int | None) -> str | None:
-    return None if code is None else hresult_name(code)
-
-
 def _milliseconds(duration: int | None) -> float | None:
     return None if duration is None else duration / 1e6
-
-
-def _number_of(seen: FrameObservation | None) -> int | None:
-    return None if seen is None else seen.number
 
 
 _INTEGER, _OPTIONAL, _TEXT = ColumnType.INTEGER, ColumnType.OPTIONAL_INTEGER, ColumnType.TEXT
@@ -202,15 +193,13 @@ FRAME_COLUMNS: tuple[DataColumn[AnnotatedFrame], ...] = (
     DataColumn("transport", _TEXT, lambda each: each.conversation.transport.value),
     DataColumn("kind", _TEXT, lambda each: each.kind),
     DataColumn("bytes", _INTEGER, lambda each: len(each.raw)),
-    DataColumn("serial", _OPTIONAL, lambda each: None if each.frame is None else each.frame.serial),
-    DataColumn("reserved", _OPTIONAL, lambda each: None if each.frame is None else each.frame.reserved),
-    DataColumn(
-        "function_id", _OPTIONAL, lambda each: None if each.call_kind is None else each.call_kind.function_id
-    ),
+    DataColumn("serial", _OPTIONAL, FRAME_GETTERS["serial"]),
+    DataColumn("reserved", _OPTIONAL, FRAME_GETTERS["reserved"]),
+    DataColumn("function_id", _OPTIONAL, FRAME_GETTERS["function_id"]),
     DataColumn("function", _TEXT, lambda each: each.function),
     DataColumn("command", _TEXT, lambda each: _text(each.command)),
     DataColumn("hresult", _OPTIONAL, lambda each: each.hresult),
-    DataColumn("hresult_name", _TEXT, lambda each: _result_name(each.hresult)),
+    DataColumn("hresult_name", _TEXT, FRAME_GETTERS["hresult_name"]),
     DataColumn("numbers", ColumnType.NUMBERS, lambda each: _numbers(each.frame)),
     DataColumn("problems", _INTEGER, lambda each: len(each.problems)),
 )
@@ -226,7 +215,7 @@ CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
     DataColumn("function", _TEXT, lambda call: call.function),
     DataColumn("command", _TEXT, lambda call: _text(call.command)),
     DataColumn("hresult", _OPTIONAL, lambda call: call.hresult),
-    DataColumn("hresult_name", _TEXT, lambda call: _result_name(call.hresult)),
+    DataColumn("hresult_name", _TEXT, CALL_GETTERS["hresult_name"]),
     DataColumn("latency_ms", ColumnType.FLOAT, lambda call: _milliseconds(call.latency)),
     DataColumn("rtt_ms", ColumnType.FLOAT, lambda call: _milliseconds(call.rtt)),
     DataColumn("outcome", _TEXT, lambda call: call.outcome.value),
@@ -235,7 +224,7 @@ CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
     DataColumn("unseen_retries", _INTEGER, lambda call: call.unseen_retries),
     DataColumn("executing", _INTEGER, lambda call: len(call.notices)),
     DataColumn("request_frame", _INTEGER, lambda call: call.request.number),
-    DataColumn("reply_frame", _OPTIONAL, lambda call: _number_of(call.reply)),
+    DataColumn("reply_frame", _OPTIONAL, lambda call: None if call.reply is None else call.reply.number),
     DataColumn("request_numbers", ColumnType.NUMBERS, lambda call: _numbers(call.request.item)),
     DataColumn(
         "reply_numbers",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from bcapscope.api.data_tables import CALL_COLUMNS, FRAME_COLUMNS, Records, TableRecords
-from bcapscope.api.word_choice import choose
 from bcapscope.capture.capture_file import expand_folders, open_capture
 from bcapscope.capture.capture_input import CaptureInput, read_items
 from bcapscope.errors import CaptureError, InputError
@@ -25,6 +25,8 @@ from bcapscope.traffic.pipeline import CallCollector
 if TYPE_CHECKING:
     from bcapscope.analysis.slave.slave_session import SlaveSession
     from bcapscope.api.reported_finding import ReportedFinding
+
+T = TypeVar("T")
 
 _SIDES = {"client": CapturePlace.CLIENT_SIDE, "controller": CapturePlace.CONTROLLER_SIDE}
 _CAPTURE_POINTS = {point.value: point for point in CapturePoint}
@@ -56,9 +58,6 @@ class Capture:
         self._expression = expression
         if expression is not None:
             _check_filter(expression)
-        self._ports = ports
-        self._side = side
-        self._taken_at = taken_at
         self._on_error = on_error
         problems = _Problems(on_error)
         self.paths: tuple[str, ...] = tuple(expand_folders(tuple(paths), problems.add))
@@ -69,6 +68,7 @@ class Capture:
                 except CaptureError as error:
                     problems.add(path, error)
         problems.raise_first()
+        self._open = partial(CaptureInput, self.paths, ports, side=side, taken_at=taken_at)
 
     @property
     def frames(self) -> TableRecords[AnnotatedFrame]:
@@ -120,8 +120,7 @@ class Capture:
 
     def _start(self) -> tuple[CaptureInput, _Problems]:
         problems = _Problems(self._on_error)
-        side, taken_at = self._side, self._taken_at
-        return CaptureInput(self.paths, self._ports, problems.add, side=side, taken_at=taken_at), problems
+        return self._open(problems.add), problems
 
     def _read_frames(self, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
         source, problems = self._start()
@@ -254,3 +253,15 @@ def _check_filter(expression: str) -> None:
 
 def _call_test(wanted: Filter | None, source: CaptureInput) -> Callable[[Call], bool] | None:
     return None if wanted is None else wanted.bind(CALL_GETTERS, lambda: source.first_time)
+
+
+def choose(word: str, choices: Mapping[str, T]) -> T:
+    """Return the value of a word in `choices`.
+
+    Raises:
+        InputError: The word is not one of the choices.
+    """
+    if word not in choices:
+        values = ", ".join(map(repr, choices))
+        raise InputError(Message("document.none-of", value=repr(word), values=values))
+    return choices[word]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from bcapscope.analysis.finding import NO_TRAFFIC, Finding, TrafficTotals
-from bcapscope.api.word_choice import choose
+from bcapscope.api.opened_capture import choose
 from bcapscope.messages import Language, MessageFormatter
 from bcapscope.render.escape import printable
 from bcapscope.render.findings import finding_sentence, words_for

@@ -10,8 +10,14 @@ import click
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.messages import MessageFormatter, language_of
-from bcapscope.wireshark import extcap_sentences
-from bcapscope.wireshark.capture_sources import CaptureOptionError, CaptureSource, capture_sources
+from bcapscope.wireshark.capture_sources import (
+    CaptureOptionError,
+    CaptureSource,
+    capture_sources,
+    interface_sentences,
+    link_type_sentences,
+    option_sentences,
+)
 
 
 @click.command(
@@ -54,15 +60,15 @@ def command(
     words = MessageFormatter(language_of(os.environ))
     sources = capture_sources()
     if extcap_interfaces:
-        _print_sentences(extcap_sentences.interface_sentences(sources))
+        _print_sentences(interface_sentences(sources))
         return
     if name not in sources:
         names = ", ".join(sources)
         exit_with(words("extcap.unknown-interface", interface=name or "", names=names), ExitCode.USAGE)
     if extcap_dlts:
-        _print_sentences(extcap_sentences.link_type_sentences())
+        _print_sentences(link_type_sentences())
     elif extcap_config:
-        _print_sentences(extcap_sentences.option_sentences(sources[name]))
+        _print_sentences(option_sentences(sources[name]))
     elif capture:
         _capture(sources[name], fifo, given, words)
     elif capture_filter:

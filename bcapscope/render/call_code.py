@@ -67,13 +67,11 @@ def shell_command(
         return None
     names = _name_options(subject) if skipped else []
     words = ["bcapscope", "call", target.host, *_target_options(target), *names, function.name]
-    line = shlex.join([*words, *_after_double_dash([text for text in texts if text is not None])])
+    values = [text for text in texts if text is not None]
+    if any(text.startswith("-") for text in values):  # it would look like an option
+        words.append("--")
+    line = shlex.join([*words, *values])
     return line if line == printable(line) else None
-
-
-def _after_double_dash(texts: list[str]) -> list[str]:
-    """Put ``--`` before the arguments if one of them looks like an option."""
-    return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
 
 
 def _target_options(target: ControllerTarget) -> Iterator[str]:

@@ -11,6 +11,7 @@ import orjson
 from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.render.frame_record import INTEGER_PLACE, JSON_PLACE, json_template
 from bcapscope.render.json_values import json_text, result_object, text_fragment, time_fragment
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call import Call, FrameObservation
@@ -29,13 +30,13 @@ _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, i
 
 _MILLISECOND = 1_000_000
 _OWN_MEMBERS = {
-    "call": b"%d",
-    "started": b"%b",
-    "requests": b"[%d]",
-    "serials": b"[%d]",
-    "replies": b"[%d]",
-    "latency_ms": b"%b",
-    "rtt_ms": b"%b",
+    "call": INTEGER_PLACE,
+    "started": JSON_PLACE,
+    "requests": [INTEGER_PLACE],
+    "serials": [INTEGER_PLACE],
+    "replies": [INTEGER_PLACE],
+    "latency_ms": JSON_PLACE,
+    "rtt_ms": JSON_PLACE,
 }
 """JSON members that differ from call to call. The template contains all other members. Two calls have the
 same template if they are of one kind, and each has one request and one reply.
@@ -72,11 +73,7 @@ class CallRecordRenderer:
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
-        members = (
-            b'"%b":%b' % (name.encode(), _OWN_MEMBERS.get(name) or orjson.dumps(value).replace(b"%", b"%%"))
-            for name, value in _call_object(call, kind[2]).items()
-        )
-        self._templates[kind] = form = b"{" + b",".join(members) + b"}"
+        self._templates[kind] = form = json_template(_call_object(call, kind[2]) | _OWN_MEMBERS)
         return form
 
 
@@ -86,12 +83,8 @@ class CallPackets:
     """
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """Prepare to add the member `packets` to calls.
-
-        Args:
-            origin_of: Takes the number of a packet among all packets that were read, and returns the capture
-                and the packet's number in it.
-            only_path: Path of the capture if only one capture is read; None otherwise.
+        """`origin_of` takes the number of a packet among all packets that were read. `only_path` is the path
+        of the capture if only one capture is read; None otherwise.
         """
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")

@@ -25,9 +25,6 @@ _MILLISECOND = 1_000_000
 _PLAIN_VERDICTS = frozenset(CallVerdict[outcome.name] for outcome in Outcome)
 _MAX_NAMED = 6
 _MAX_RESULTS = 1024  # maximum number of result codes whose texts are cached
-_BRACKETS = {True: "└─", False: "├─"}
-
-
 _ROLE_WIDTH = 10
 
 
@@ -84,7 +81,7 @@ class CallRenderer:
         events = call.frames
         before = call.request.time
         for event in events:
-            yield f"       {_BRACKETS[event is events[-1]]} {self.event_line(event, before, call)}"
+            yield f"       {'└─' if event is events[-1] else '├─'} {self.event_line(event, before, call)}"
             before = event.observation.time
 
     def event_line(self, event: CallFrame, previous_time: int, call: Call) -> str:
@@ -213,12 +210,6 @@ def _addresses(flow: Flow) -> str:
     return printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}")
 
 
-_SESSION_ENDINGS = {
-    SessionEnding.STOPPED: "session.ended.stopped",
-    SessionEnding.RESTARTED: "session.ended.restarted",
-}
-
-
 def session_text(session: ServiceSession, words: MessageFormatter = ENGLISH_WORDS) -> str:
     return printable(words.text(_session_message(session)))
 
@@ -226,7 +217,8 @@ def session_text(session: ServiceSession, words: MessageFormatter = ENGLISH_WORD
 def _session_message(session: ServiceSession) -> Message:
     conversation = session.conversation
     client, server = str(conversation.client), str(conversation.server)
-    end = Message(_SESSION_ENDINGS.get(session.ending, "session.ended.unseen"), client=client, server=server)
+    ending = "unseen" if session.ending is SessionEnding.OPEN else session.ending
+    end = Message(f"session.ended.{ending}", client=client, server=server)
     if not session.unreleased:
         return end
     objects = ", ".join(

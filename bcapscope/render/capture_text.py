@@ -56,11 +56,8 @@ def server_evidence_message(conversation: Conversation) -> Message:
 
 
 def places_message(near: str, far: str, clock: ClockEstimate) -> Message:
-    """Return a message that says which capture was taken at which side, and how the two clocks differ.
-
-    Args:
-        near: Name of the capture from the client's side, escaped.
-        far: Name of the capture from the controller's side, escaped.
+    """Return a message that says which capture was taken at which side, and how the two clocks differ. `near`
+    and `far` are the escaped names of the captures from the client's and from the controller's side.
     """
     offset, error = f"{clock.points[0][1] / 1e6:+.3f}", f"{clock.error / 1e6:.3f}"
     if clock.drift is None:

@@ -49,7 +49,8 @@ def comparison_lines(
     yield from _captioned_lines(words("compare.findings"), rules, palette)
     for side, lone in ((good, comparison.only_good), (bad, comparison.only_bad)):
         caption = words("compare.only-in", capture=printable(side.name))
-        yield from _captioned_lines(caption, _one_sided_rows(lone, words), palette)
+        rows = [(str(each.call_count), call_kind_text(each.call_kind, words)) for each in lone]
+        yield from _captioned_lines(caption, _table(rows, "><", words), palette)
     others = [each for each in comparison.differences if not each.notable]
     yield from _captioned_lines(words("compare.others"), _rows(others, words), palette)
 
@@ -150,11 +151,6 @@ def _rule_lines(
         yield from (f"       {line}" for line in wrap_text(printable(sentence), _WIDTH))
 
 
-def _one_sided_rows(lone: Sequence[UnmatchedKind], words: MessageFormatter) -> Iterator[str]:
-    rows = [(str(each.call_count), call_kind_text(each.call_kind, words)) for each in lone]
-    return _table(rows, "><", words)
-
-
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     """Return the differences between two captures as one JSON object, without a line end.
 
@@ -167,8 +163,8 @@ def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad:
             "good": _side_object(good),
             "bad": _side_object(bad),
             "differences": list(map(_difference_object, comparison.differences)),
-            "only_good": list(map(_one_sided_object, comparison.only_good)),
-            "only_bad": list(map(_one_sided_object, comparison.only_bad)),
+            "only_good": [_one_sided_object(each) for each in comparison.only_good],
+            "only_bad": [_one_sided_object(each) for each in comparison.only_bad],
             "findings": [_rule_object(each, good, bad) for each in comparison.rules],
         }
     )

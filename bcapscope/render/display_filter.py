@@ -8,7 +8,7 @@ from itertools import groupby
 from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
-from bcapscope.traffic.call import Call, FrameObservation, StrayReply
+from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 
@@ -32,16 +32,11 @@ def packets_of(item: Call | StrayReply) -> list[int]:
     frames = (
         [item.observation] if isinstance(item, StrayReply) else [each.observation for each in item.frames]
     )
-    return [sighting.packet for frame in frames for sighting in _sightings(frame)]
-
-
-def _sightings(frame: FrameObservation) -> Iterator[FrameObservation]:
-    if not isinstance(frame, JoinedObservation):
-        yield frame
-        return
-    for sighting in (frame.at_client, frame.at_controller):
-        if sighting is not None:
-            yield sighting
+    return [
+        sighting.packet
+        for frame in frames
+        for sighting in (frame.sightings() if isinstance(frame, JoinedObservation) else (frame,))
+    ]
 
 
 def display_filter_lines(

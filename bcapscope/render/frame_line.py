@@ -252,7 +252,7 @@ class LineTemplateBuilder:
     def _add_array(self, base: int, variant: Variant) -> None:
         value = variant.value
         if base != VT.VARIANT:
-            self.add_text(_type_word(base))
+            self.add_text(VT(base).name if base in VT.__members__.values() else vt_name(base))
         self.add_text("[")
         if isinstance(value, bytes):
             if number_count(variant):
@@ -278,7 +278,7 @@ class LineTemplateBuilder:
             if isinstance(value, Variant):
                 self.add_variant(value)
             else:
-                self.add_text(_element_text(value))
+                self.add_text(_string_text(value) if isinstance(value, str) else str(bool(value)).lower())
         self._reserve_numbers(
             sum(number_count(value) for value in values[MAX_ELEMENTS:] if isinstance(value, Variant))
         )
@@ -294,12 +294,6 @@ def _constant(variant: Variant) -> str:
     return f"{vt_name(variant.vt)}(?)"
 
 
-def _element_text(value: object) -> str:
-    if isinstance(value, str):
-        return _string_text(value)
-    return "true" if value else "false"
-
-
 def _string_text(text: str) -> str:
     if len(text) <= LONGEST_STRING:
         return quoted(text)
@@ -310,10 +304,6 @@ def _bytes_text(data: bytes) -> str:
     most = LONGEST_STRING // 2
     more = f"… {len(data) - most} more" if len(data) > most else ""
     return data[:most].hex() + more
-
-
-def _type_word(base: int) -> str:
-    return VT(base).name if base in VT.__members__.values() else vt_name(base)
 
 
 def _joined(write: NumberWriter, values: tuple[int | float, ...]) -> str:

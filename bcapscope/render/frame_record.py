@@ -35,10 +35,15 @@ MAX_TEMPLATES = 4096
 """Maximum number of cached templates. When the cache is full, the renderer empties it."""
 
 
-_JSON, _INTEGER = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
+JSON_PLACE, INTEGER_PLACE = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
 """Placeholders in the JSON of a template. A JSON encoder escapes these control characters in texts."""
 
 _Place: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
+
+
+def json_template(members: dict[str, object]) -> bytes:
+    """Return JSON as a %-format, with ``%d`` and ``%b`` instead of the placeholders."""
+    return orjson.dumps(members).replace(b"%", b"%%").replace(b"\1", b"%d").replace(b"\0", b"%b")
 
 
 class _RecordTemplate:
@@ -47,8 +52,7 @@ class _RecordTemplate:
     __slots__ = ("_places", "_text")
 
     def __init__(self, members: dict[str, object], places: Sequence[_Place]) -> None:
-        text = orjson.dumps(members).replace(b"%", b"%%")
-        self._text = text.replace(b"\0", b"%b").replace(b"\1", b"%d")
+        self._text = json_template(members)
         self._places = tuple(places)
 
     def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> bytes:
@@ -91,7 +95,7 @@ class _ArgumentConverter:
         if self._constants is not None:
             return orjson.Fragment(write(self._constants[where]))
         self.places.append((where, write))
-        return _JSON
+        return JSON_PLACE
 
 
 def _without_numbers(value: object) -> object:
@@ -191,14 +195,14 @@ def _make_record_template(
         used = converter if taken else _ArgumentConverter(tuple(iter_numbers(variant)))
         arguments.append({"name": text_fragment(role(function_id, index).name), **used.members(variant)})
     members = {
-        "frame": _INTEGER,
-        "time": _JSON,
-        "packet": _INTEGER,
+        "frame": INTEGER_PLACE,
+        "time": JSON_PLACE,
+        "packet": INTEGER_PLACE,
         **_ends(flow),
         "kind": flow.direction,
-        "length": _INTEGER,
-        "serial": _INTEGER,
-        "reserved": _INTEGER,
+        "length": INTEGER_PLACE,
+        "serial": INTEGER_PLACE,
+        "reserved": INTEGER_PLACE,
         "function_id": function_id,
         "function": None if function_id is None else function_name(function_id),
         "command": text_fragment(call_kind.command if call_kind else None),

@@ -1,16 +1,179 @@
-"""A frame as an indented tree: offset, bytes, name and meaning of every field."""
+"""A frame as an indented tree: offset, bytes, name and meaning of every field.
+
+`field_rows` returns the rows of the tree, and `FrameTreeRenderer` writes them as lines.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from itertools import islice
+from typing import NamedTuple
 
-from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.protocol.codec.arguments import Problem
+from bcapscope.protocol.codec.frame import Malformed
+from bcapscope.protocol.codec.variant import vt_name
+from bcapscope.protocol.dissection.frame_field import HRESULT, FrameField, envelope_fields, frame_fields
+from bcapscope.protocol.tables.hresult import describe_hresult, is_failure
 from bcapscope.render.color_palette import PLAIN, Palette
-from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows, frame_sections
+from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import Highlight, hexdump
+from bcapscope.render.value_text import LONGEST_STRING, value_text
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Direction, Observation
+
+MAX_ELEMENTS = 32
+"""By default, the rows of an array show at most this many elements."""
+
+
+class FieldRowKind(Enum):
+    FIELD = "field"
+    """A field that consists of other fields. The rows of these fields follow."""
+    LEAF = "leaf"
+    """A field that contains bytes and no other fields."""
+    PROBLEM = "problem"
+    """A problem with the bytes of the field in the row above."""
+    NOTE = "note"
+    """A remark about the field in the row above. A remark has no bytes."""
+
+
+class FieldRow(NamedTuple):
+    """A row of the tree.
+
+    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. If the field is
+    an HRESULT, `failed` says whether it means failure. For other fields, `failed` is None.
+    """
+
+    kind: FieldRowKind
+    depth: int
+    start: int
+    stop: int
+    name: str
+    text: str
+    failed: bool | None = None
+
+
+class FrameSection(NamedTuple):
+    """A part of the tree: bytes, their fields and an optional caption. The offsets of the fields count from
+    the start of `body`."""
+
+    caption: Message | None
+    body: bytes
+    fields: tuple[FrameField, ...]
+
+
+def frame_sections(observation: Observation, call_kind: CallKind | None) -> tuple[FrameSection, ...]:
+    """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
+    item = observation.item
+    if isinstance(item, Malformed):
+        # Malformed bytes have no fields. A gap in a stream does not even have bytes. Show only the problem.
+        size = len(item.raw)
+        name, value = ("bytes", item.raw) if size else ("no bytes", None)
+        return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)
+    is_request = observation.flow.direction is Direction.REQUEST
+    function_id, command = call_kind or (None, None)
+    whole = frame_fields(item, is_request, function_id, command)
+    wire = envelope_fields(item)
+    if not wire:
+        return (FrameSection(None, item.raw, whole),)
+    inner = FrameSection(Message("field.unpacked"), item.body, whole[4:-1])
+    return (FrameSection(None, item.raw, wire), inner)
+
+
+def field_rows(
+    section: FrameSection, full: bool = False, words: MessageFormatter = ENGLISH_WORDS
+) -> Iterator[FieldRow]:
+    """Yield the rows of a section lazily, in the order of the bytes.
+
+    With `full`, the rows show strings and arrays completely.
+    """
+    for field in section.fields:
+        yield from _rows_of_field(field, 0, full, words)
+
+
+def _rows_of_field(field: FrameField, depth: int, full: bool, words: MessageFormatter) -> Iterator[FieldRow]:
+    kind = FieldRowKind.FIELD if field.children else FieldRowKind.LEAF
+    failed = is_failure(field.value) if field.name == HRESULT and isinstance(field.value, int) else None
+    text = field_meaning(field, None if full else LONGEST_STRING, words)
+    yield FieldRow(kind, depth, field.start, field.stop, field.name, text, failed)
+    if kind is FieldRowKind.LEAF:
+        yield from _rows_of_problems(field.start, field.stop, field.problems, depth, words)
+    yield from _rows_of_children(field, depth + 1, full, words)
+    if failed is not None and isinstance(field.value, int):
+        found = describe_hresult(field.value)
+        for note in filter(None, (found.advice, Message("hresult.guess") if found.is_guess else None)):
+            yield FieldRow(FieldRowKind.NOTE, depth + 1, field.start, field.start, "", words.text(note))
+
+
+def _rows_of_children(
+    field: FrameField, depth: int, full: bool, words: MessageFormatter
+) -> Iterator[FieldRow]:
+    count = len(field.value) if isinstance(field.value, tuple) and field.name == "data" else 0
+    if full or count <= MAX_ELEMENTS:
+        for child in field.children:
+            yield from _rows_of_field(child, depth, full, words)
+        return
+    start = field.start
+    for child in islice(field.children, MAX_ELEMENTS):
+        yield from _rows_of_field(child, depth, full, words)
+        start = child.stop
+    more = words("field.more", n=count - MAX_ELEMENTS)
+    yield FieldRow(FieldRowKind.LEAF, depth, start, field.stop, more, "")
+    for problem in field.problems:
+        if problem.offset >= start:
+            yield from _rows_of_problems(problem.offset, problem.offset + 1, (problem,), depth, words)
+
+
+def _rows_of_problems(
+    start: int, stop: int, problems: Iterable[Problem], depth: int, words: MessageFormatter
+) -> Iterator[FieldRow]:
+    for problem in problems:
+        yield FieldRow(FieldRowKind.PROBLEM, depth, start, stop, "", printable(words.text(problem.reason)))
+
+
+def field_meaning(
+    field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
+) -> str:
+    """Return the meaning of a field in one line, or "" if the name of the field says everything.
+
+    A string is cut after `longest` characters.
+    """
+    if field.vt is None:
+        text = _frame_field_meaning(field, words)
+    else:
+        text = _variant_meaning(field, field.vt, longest, words)
+    if field.unit:
+        text += f" {field.unit}"
+    return f"{text}, {words.place_text(field.text, '')}" if field.text and field.vt is not None else text
+
+
+def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
+    value = field.value
+    if isinstance(value, bytes):
+        return words.plural("count.byte", len(value)) + (f", {field.text}" if field.text else "")
+    if field.name == "type" or value is None:
+        return str(field.text)
+    if field.name == HRESULT and isinstance(value, int):
+        return f"{field.text}, {words.text(describe_hresult(value).meaning)}"
+    return f"{value} {field.text}".rstrip()
+
+
+def _variant_meaning(field: FrameField, vt: int, longest: int | None, words: MessageFormatter) -> str:
+    """Describe the value of a VARIANT. Add the type of the VARIANT if the field includes the bytes of the
+    type."""
+    value = field.value
+    text = value_text(value, vt, longest, words)
+    if isinstance(value, tuple):
+        text = words.plural("count.element", len(value))
+    elif isinstance(value, bytes):
+        text = words.plural("count.byte", len(value))
+    if field.name == "data" and isinstance(value, str):
+        return ""  # its characters come next
+    has_type = any(child.name == "type" for child in islice(field.children, 2))
+    return f"{vt_name(vt)} {text}".rstrip() if has_type else text
+
 
 BYTES_SHOWN = 8
 """Number of bytes that one line of a field shows."""
@@ -35,64 +198,40 @@ class FrameTreeRenderer:
     words: MessageFormatter = ENGLISH_WORDS
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
+        color = self.palette
         for section in frame_sections(observation, call_kind):
             if section.caption is not None:
-                yield f"{self.palette.dim}{self.words.text(section.caption)}{self.palette.reset}"
-            yield from self._section(section)
+                yield f"{color.dim}{self.words.text(section.caption)}{color.reset}"
+            highlights = []
+            for row in field_rows(section, self.full, self.words):
+                if row.kind is FieldRowKind.PROBLEM:
+                    highlights.append(Highlight(row.start, row.stop, color.problem))
+                yield from self._row_lines(row, section.body)
+            if self.dump and section.body:
+                yield ""
+                yield from hexdump(section.body, highlights, color)
 
-    def _section(self, section: FrameSection) -> Iterator[str]:
-        page = _TreeSection(self.palette, self.full, section.body)
-        for row in field_rows(section, self.full, self.words):
-            yield from page.row_lines(row)
-        if self.dump and section.body:
-            yield ""
-            yield from hexdump(section.body, page.highlights, self.palette)
-
-
-@dataclass(frozen=True, slots=True)
-class _TreeSection:
-    """Writes the lines of one section. `highlights` collects the positions of bytes that have problems."""
-
-    palette: Palette
-    full: bool
-    body: bytes
-    highlights: list[Highlight] = field(default_factory=list)
-
-    def row_lines(self, row: FieldRow) -> Iterator[str]:
-        color = self.palette
-        margin = " " * (self._offsets_width + _HEX_WIDTH + 3) + _INDENT * row.depth
+    def _row_lines(self, row: FieldRow, body: bytes) -> Iterator[str]:
+        """Yield the line of a row. With `full`, further lines show the remaining bytes of a long field."""
+        color, indent, digits = self.palette, _INDENT * row.depth, len(str(len(body)))
+        offsets_width = 2 * digits + 2
+        margin = " " * (offsets_width + _HEX_WIDTH + 3) + indent
         if row.kind is FieldRowKind.PROBLEM:
-            self.highlights.append(Highlight(row.start, row.stop, color.problem))
             yield f"{margin}{color.problem}!! {row.text}{color.reset}"
-        elif row.kind is FieldRowKind.NOTE:
+            return
+        if row.kind is FieldRowKind.NOTE:
             yield f"{margin}{color.dim}{row.text}{color.reset}"
-        else:
-            yield from self._field_lines(row)
-
-    def _field_lines(self, row: FieldRow) -> Iterator[str]:
-        color = self.palette
-        shown = self.body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
-        name = f"{_INDENT * row.depth}{color.name}{row.name}{color.reset}"
-        padding = " " * (_NAME_WIDTH - len(_INDENT) * row.depth - len(row.name) if row.text else 0)
-        text = f"{' ' if row.text else ''}{colored_value(row, color)}"
-        offsets = self._offsets_text(row.start, row.stop)
-        yield f"{offsets}  {self._hex_text(shown)}  {name}{padding}{text}".rstrip()
+            return
+        last = f"..{row.stop - 1:<{digits}}" if row.stop - row.start > 1 else ""
+        offsets = f"{row.start:>{digits}}{last}" if row.stop > row.start else ""
+        shown = body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
+        padding = " " * (_NAME_WIDTH - len(indent) - len(row.name)) + " " if row.text else ""
+        name = f"{indent}{color.name}{row.name}{color.reset}{padding}{colored_value(row, color)}"
+        head = f"{color.dim}{offsets:<{offsets_width}}{color.reset}"
+        yield f"{head}  {self._hex_text(shown)}  {name}".rstrip()
         if self.full:
             for start in range(BYTES_SHOWN, len(shown), BYTES_SHOWN):
-                yield f"{' ' * self._offsets_width}  {self._hex_text(shown[start:])}".rstrip()
-
-    @property
-    def _digits(self) -> int:
-        return len(str(len(self.body)))
-
-    @property
-    def _offsets_width(self) -> int:
-        return 2 * self._digits + 2
-
-    def _offsets_text(self, start: int, stop: int) -> str:
-        last = f"..{stop - 1:<{self._digits}}" if stop - start > 1 else ""
-        text = f"{start:>{self._digits}}{last}" if stop > start else ""
-        return f"{self.palette.dim}{text:<{self._offsets_width}}{self.palette.reset}"
+                yield f"{' ' * offsets_width}  {self._hex_text(shown[start:])}".rstrip()
 
     def _hex_text(self, data: bytes) -> str:
         text = data[:BYTES_SHOWN].hex(" ")

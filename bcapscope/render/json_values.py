@@ -96,15 +96,14 @@ def _cited_frames(value: object, is_frame: bool = False) -> Iterator[int]:
         yield value
 
 
+PERCENTILES = {
+    **{"mean": "mean", "min": "least", "p50": "p50", "p90": "p90", "p99": "p99", "p99.9": "p999"},
+    "max": "most",
+}
+"""Attributes of `DistributionSummary` by their names in JSON and CSV."""
+
+
 def percentiles_object(found: DistributionSummary) -> dict[str, object]:
     """Return the JSON members for the mean, the smallest and largest value, and the percentiles of a
     distribution."""
-    return {
-        "mean": json_ready(found.mean),
-        "min": json_ready(found.least),
-        "p50": json_ready(found.p50),
-        "p90": json_ready(found.p90),
-        "p99": json_ready(found.p99),
-        "p99.9": json_ready(found.p999),
-        "max": json_ready(found.most),
-    }
+    return {name: json_ready(getattr(found, attribute)) for name, attribute in PERCENTILES.items()}

@@ -25,7 +25,7 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
-from bcapscope.render.text_charts import ChartCurve, braille_chart, histogram
+from bcapscope.render.text_charts import braille_chart, histogram
 
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
@@ -159,7 +159,7 @@ def axis_charts(
         commanded = [(time, point[axis]) for time, point, _ in history if axis < len(point)]
         actual = [(time, pose[axis]) for time, _, pose in history if axis < len(pose)]
         yield _title(AXES[kind][axis].name, commanded, actual, palette, words)
-        curves = [ChartCurve(actual, palette.good), ChartCurve(commanded, palette.number)]
+        curves = [(actual, palette.good), (commanded, palette.number)]
         yield from braille_chart(curves, width, each - 1, palette, AXES[kind][axis].unit.replace("deg", "°"))
 
 

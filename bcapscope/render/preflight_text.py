@@ -18,9 +18,7 @@ from bcapscope.player.trajectory import Column, Trajectory
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
-
-NARROWEST, WIDEST = 40, 120
-"""Minimum and maximum width of wrapped text, in columns."""
+from bcapscope.render.findings import NARROWEST, WIDEST
 
 _LONGEST_TITLE = 40
 _LARGEST_SHOWN = 1e12
@@ -140,7 +138,16 @@ def preflight_record(preflight: PreflightResult) -> bytes:
             "type": trajectory.kind.value,
             "set_points": len(trajectory),
             "period_ms": None if trajectory.period is None else trajectory.period * 1000,
-            "columns": [_column_record(column) for column in source.columns],
+            "columns": [
+                {
+                    "axis": column.axis,
+                    "column": column.position,
+                    "title": printable(column.name),
+                    "unit": column.unit,
+                    "factor": column.factor,
+                }
+                for column in source.columns
+            ],
             "notes": [printable(str(note)) for note in source.notes],
             "cycle_ms": preflight.period * 1000,
             "seconds": preflight.seconds,
@@ -186,16 +193,6 @@ def _bounded_number(value: float, digits: int) -> str:
     stay short.
     """
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
-
-
-def _column_record(column: Column) -> dict[str, object]:
-    return {
-        "axis": column.axis,
-        "column": column.position,
-        "title": printable(column.name),
-        "unit": column.unit,
-        "factor": column.factor,
-    }
 
 
 def _axis_record(figures: AxisFigures) -> dict[str, object]:

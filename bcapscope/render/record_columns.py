@@ -123,7 +123,7 @@ class ColumnRenderer:
         the CSV table begin with a header line.
         """
         if format_ is ColumnFormat.JSON:
-            return (orjson.dumps(self._json_object(record)) for record in records)
+            return map(self._json_object, records)
         names = [each.name for each in self._columns]
         if format_ is ColumnFormat.CSV:
             return chain([csv_row(names)], map(self._csv_row, records))
@@ -133,11 +133,11 @@ class ColumnRenderer:
     def _line(self, record: object) -> str:
         return self._aligned([text_cell(column, value) for column, value in self._values(record)])
 
+    def _json_object(self, record: object) -> bytes:
+        return orjson.dumps({each.name: _json_value(each, value) for each, value in self._values(record)})
+
     def _csv_row(self, record: object) -> str:
         return csv_row([_csv_cell(column, value) for column, value in self._values(record)])
-
-    def _json_object(self, record: object) -> dict[str, object]:
-        return {column.name: _json_value(column, value) for column, value in self._values(record)}
 
     def _values(self, record: object) -> Iterator[tuple[RecordColumn, object]]:
         for column, read in self._readers:

@@ -7,8 +7,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from bcapscope.analysis.report_data import ClientTimeline, ReportData
-from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.report_data import ReportData
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, StatisticsRow
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.analysis.timeline_events import TimelineEvent, TimelineEventKind
@@ -72,30 +71,7 @@ def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Pictur
     """Return the timeline with one row per client. A row shows the client's calls, slave-mode sessions and
     events.
     """
-    timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
-    rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
-    drawn = [session for session in report_data.slave_sessions if session.conversation in rows]
-    traces = [
-        _activity_bars(report_data, timelines, words),
-        *_slave_session_bars(report_data, drawn, rows, words),
-        *_event_markers(report_data, timelines, words),
-    ]
-    lasted = _seconds(report_data, report_data.end) or 1.0
-    left_off = len(report_data.timelines) + report_data.timelines_left_off - len(timelines)
-    more = f" {words('report.timeline.more', n=left_off)}" if left_off else ""
-    labels = [endpoints_label(timeline.conversation) for timeline in timelines]
-    return make_picture(
-        "timeline",
-        words("report.timeline.title"),
-        words("report.timeline.caption") + more,
-        130 + 76 * len(timelines),
-        traces,
-        barmode="overlay",
-        uniformtext={"minsize": 11, "mode": "hide"},
-        hovermode="closest",
-        xaxis=axis_layout(words("report.axis.time"), range=[-0.01 * lasted, 1.01 * lasted]),
-        yaxis=_row_axis(labels, 0.62 - len(timelines), 0.62, -1),
-    )
+    return _TimelineDrawing(report_data, words).picture()
 
 
 def latency_picture(rows: Sequence[StatisticsRow], words: MessageFormatter) -> Picture | None:
@@ -202,142 +178,142 @@ def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> 
     }
 
 
-def endpoints_label(conversation: Conversation) -> str:
+def _endpoints_label(conversation: Conversation) -> str:
     return (
         f"{plotly_label(str(conversation.client))}<br>→ {plotly_label(str(conversation.server))} "
         f"{conversation.transport.upper()}"
     )
 
 
-def _seconds(report_data: ReportData, time: int) -> float:
-    return round((time - report_data.start) / 1e9, 6)
+class _TimelineDrawing:
+    def __init__(self, report_data: ReportData, words: MessageFormatter) -> None:
+        self._data = report_data
+        self._words = words
+        self._timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
 
+    def picture(self) -> Picture:
+        data, words, count = self._data, self._words, len(self._timelines)
+        lasted = self._seconds(data.end) or 1.0
+        left_off = len(data.timelines) + data.timelines_left_off - count
+        more = f" {words('report.timeline.more', n=left_off)}" if left_off else ""
+        labels = [_endpoints_label(timeline.conversation) for timeline in self._timelines]
+        return make_picture(
+            "timeline",
+            words("report.timeline.title"),
+            words("report.timeline.caption") + more,
+            130 + 76 * count,
+            [self._activity_bars(), *self._slave_session_bars(), *self._event_markers()],
+            barmode="overlay",
+            uniformtext={"minsize": 11, "mode": "hide"},
+            hovermode="closest",
+            xaxis=axis_layout(words("report.axis.time"), range=[-0.01 * lasted, 1.01 * lasted]),
+            yaxis=_row_axis(labels, 0.62 - count, 0.62, -1),
+        )
 
-def _activity_bars(
-    report_data: ReportData, timelines: Sequence[ClientTimeline], words: MessageFormatter
-) -> Any:
-    periods = [(-index, period) for index, timeline in enumerate(timelines) for period in timeline.activity]
-    return _time_bars(
-        report_data,
-        words("report.trace.calls"),
-        [(row, period.begin, period.end) for row, period in periods],
-        [
-            words("report.hover.calls", calls=Count(each.occurrences, "call"), **_span(report_data, each))
-            for _, each in periods
-        ],
-        (GRAY, 0.12),
-    )
+    def _seconds(self, time: int) -> float:
+        return round((time - self._data.start) / 1e9, 6)
 
+    def _activity_bars(self) -> Any:
+        bars, texts = [], []
+        for index, timeline in enumerate(self._timelines):
+            for each in timeline.activity:
+                bars.append((-index, each.begin, each.end))
+                text = self._words(
+                    "report.hover.calls",
+                    calls=Count(each.occurrences, "call"),
+                    duration=Quantity((each.end - each.begin) / 1e9, "s", 3),
+                    start=Quantity(self._seconds(each.begin), "s", 3),
+                )
+                texts.append(text)
+        return self._time_bars(self._words("report.trace.calls"), bars, texts, (GRAY, 0.12))
 
-def _span(report_data: ReportData, period: TimelineEvent) -> dict[str, Quantity]:
-    return {
-        "duration": Quantity((period.end - period.begin) / 1e9, "s", 3),
-        "start": Quantity(_seconds(report_data, period.begin), "s", 3),
-    }
-
-
-def _time_bars(
-    report_data: ReportData,
-    name: str,
-    periods: Sequence[tuple[int, int, int]],
-    texts: Sequence[str],
-    look: tuple[str, float],
-    **more: Any,
-) -> Any:
-    """Return a plotly trace of bars over time. Each bar shows a period: the number of the bar's row, then the
-    start and the end of the period in ns since 1970.
-    """
-    least = max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
-    color, width = look
-    return go.Bar(
-        name=name,
-        orientation="h",
-        y=[row for row, _, _ in periods],
-        base=[_seconds(report_data, begin) for _, begin, _ in periods],
-        x=[max(round((end - begin) / 1e9, 6), least) for _, begin, end in periods],
-        width=width,
-        marker={"color": color, "line": {"width": 0}},
-        customdata=[[text] for text in texts],
-        hovertemplate="%{customdata[0]}<extra></extra>",
-        **more,
-    )
-
-
-def _slave_session_bars(
-    report_data: ReportData,
-    sessions: Sequence[SlaveSession],
-    rows: dict[Conversation, int],
-    words: MessageFormatter,
-) -> Iterator[Any]:
-    if not sessions:
-        return
-    name = words("report.trace.slave-mode")
-    modes = [
-        name
-        if session.mode.value is None
-        else words("report.trace.mode", mode=HexNumber(session.mode.value, 3))
-        for session in sessions
-    ]
-    yield _time_bars(
-        report_data,
-        name,
-        [
-            (rows[each.conversation], each.entered_at, each.entered_at + round(each.duration_ms * 1e6))
-            for each in sessions
-        ],
-        [
-            f"{words('report.label.session')} {session.number}: {mode}<br>"
-            + words(
+    def _slave_session_bars(self) -> Iterator[Any]:
+        words, name = self._words, self._words("report.trace.slave-mode")
+        rows = {timeline.conversation: -index for index, timeline in enumerate(self._timelines)}
+        bars, texts, labels = [], [], []
+        for each in self._data.slave_sessions:
+            if each.conversation not in rows:
+                continue
+            end = each.entered_at + round(each.duration_ms * 1e6)
+            bars.append((rows[each.conversation], each.entered_at, end))
+            value = each.mode.value
+            mode = name if value is None else words("report.trace.mode", mode=HexNumber(value, 3))
+            labels.append(f"{each.number}: {mode}")
+            figures = words(
                 "report.hover.session",
-                points=Count(session.counts.sent, "set-point"),
-                duration=Quantity(session.duration_ms / 1e3, "s", 3),
-                start=Quantity(_seconds(report_data, session.entered_at), "s", 3),
+                points=Count(each.counts.sent, "set-point"),
+                duration=Quantity(each.duration_ms / 1e3, "s", 3),
+                start=Quantity(self._seconds(each.entered_at), "s", 3),
             )
-            + f"<br>{words.text(exit_message(session.exit.reason))}"
-            for session, mode in zip(sessions, modes, strict=True)
-        ],
-        (_BAR, 0.34),
-        text=[f"{session.number}: {mode}" for session, mode in zip(sessions, modes, strict=True)],
-        textposition="inside",
-        insidetextanchor="middle",
-        insidetextfont={"color": "#FFFFFF"},
-        textangle=0,
-    )
-
-
-def _event_markers(
-    report_data: ReportData, timelines: Sequence[ClientTimeline], words: MessageFormatter
-) -> Iterator[Any]:
-    for kind, (symbol, color, above) in _MARKER_STYLES.items():
-        found = [
-            (above - index, event)
-            for index, timeline in enumerate(timelines)
-            for event in timeline.events.get(kind, ())
-        ]
-        if found:
-            yield marker_trace(
-                words.text(kind.message),
-                [_seconds(report_data, event.begin) for _, event in found],
-                [row for row, _ in found],
-                (symbol, color),
-                [_event_text(report_data, kind, event, words) for _, event in found],
+            reason = words.text(exit_message(each.exit.reason))
+            texts.append(f"{words('report.label.session')} {each.number}: {mode}<br>{figures}<br>{reason}")
+        if bars:
+            yield self._time_bars(
+                name,
+                bars,
+                texts,
+                (_BAR, 0.34),
+                text=labels,
+                textposition="inside",
+                insidetextanchor="middle",
+                insidetextfont={"color": "#FFFFFF"},
+                textangle=0,
             )
 
+    def _time_bars(
+        self,
+        name: str,
+        periods: Sequence[tuple[int, int, int]],
+        texts: Sequence[str],
+        look: tuple[str, float],
+        **more: Any,
+    ) -> Any:
+        """Return a plotly trace of bars over time. Each bar shows a period: the number of the bar's row, then
+        the start and the end of the period in ns since 1970.
+        """
+        least = max((self._data.end - self._data.start) / 1e9 * _NARROWEST, 1e-6)
+        color, width = look
+        return go.Bar(
+            name=name,
+            orientation="h",
+            y=[row for row, _, _ in periods],
+            base=[self._seconds(begin) for _, begin, _ in periods],
+            x=[max(round((end - begin) / 1e9, 6), least) for _, begin, end in periods],
+            width=width,
+            marker={"color": color, "line": {"width": 0}},
+            customdata=[[text] for text in texts],
+            hovertemplate="%{customdata[0]}<extra></extra>",
+            **more,
+        )
 
-def _event_text(
-    report_data: ReportData, kind: TimelineEventKind, event: TimelineEvent, words: MessageFormatter
-) -> str:
-    text = words.text(kind.message)
-    if event.occurrences > 1:
-        text = words("report.hover.events", n=event.occurrences, kind=kind.message)
-    if event.call_kind is not None:
-        text = f"{plotly_label(call_kind_text(event.call_kind, words))}: {text}"
-    if event.hresult is not None and kind is TimelineEventKind.REFUSED:
-        meaning = plotly_label(words.text(describe_hresult(event.hresult).meaning), 80)
-        text += f"<br>{plotly_label(hresult_name(event.hresult))}, {meaning}"
-    id = "report.hover.first-frame" if event.occurrences > 1 else "report.hover.frame"
-    at = Quantity(_seconds(report_data, event.begin), "s", 3)
-    return f"{text}<br>{words(id, frame=event.frame, time=at)}"
+    def _event_markers(self) -> Iterator[Any]:
+        for kind, (symbol, color, above) in _MARKER_STYLES.items():
+            found = [
+                (above - index, event)
+                for index, timeline in enumerate(self._timelines)
+                for event in timeline.events.get(kind, ())
+            ]
+            if found:
+                yield marker_trace(
+                    self._words.text(kind.message),
+                    [self._seconds(event.begin) for _, event in found],
+                    [row for row, _ in found],
+                    (symbol, color),
+                    [self._event_text(kind, event) for _, event in found],
+                )
+
+    def _event_text(self, kind: TimelineEventKind, event: TimelineEvent) -> str:
+        words, id, text = self._words, "report.hover.frame", self._words.text(kind.message)
+        if event.occurrences > 1:
+            id = "report.hover.first-frame"
+            text = words("report.hover.events", n=event.occurrences, kind=kind.message)
+        if event.call_kind is not None:
+            text = f"{plotly_label(call_kind_text(event.call_kind, words))}: {text}"
+        if event.hresult is not None and kind is TimelineEventKind.REFUSED:
+            meaning = plotly_label(words.text(describe_hresult(event.hresult).meaning), 80)
+            text += f"<br>{plotly_label(hresult_name(event.hresult))}, {meaning}"
+        at = Quantity(self._seconds(event.begin), "s", 3)
+        return f"{text}<br>{words(id, frame=event.frame, time=at)}"
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:

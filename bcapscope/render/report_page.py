@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -50,17 +49,6 @@ MAX_SLOW = 10
 """Maximum number of rows in the table of set points with the slowest replies."""
 
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
-
-
-class OverallVerdict(NamedTuple):
-    """The overall verdict at the top of the page.
-
-    `kind` is ``error``, ``warning`` or ``good``. `sentence` describes the first finding.
-    """
-
-    kind: str
-    counts: str
-    sentence: str = ""
 
 
 def report_page(
@@ -165,16 +153,17 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
     return [(words(f"report.tile.{name}"), value) for name, value in shown]
 
 
-def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
+def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
+    """Return ``error``, ``warning`` or ``good``, the number of findings, and the sentence of the first."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
         kind = "error" if counts[Severity.ERROR] else "warning"
         sentence = finding_sentence(report_data.findings[0], words_for(words, report_data.totals))
-        return OverallVerdict(kind, words("report.counts", counts=listed), sentence)
+        return kind, words("report.counts", counts=listed), sentence
     if not listed:
-        return OverallVerdict("good", words("report.no-problem"))
-    return OverallVerdict("good", words("report.no-problem.notes", counts=listed))
+        return "good", words("report.no-problem"), ""
+    return "good", words("report.no-problem.notes", counts=listed), ""
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:

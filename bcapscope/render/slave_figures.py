@@ -1,12 +1,16 @@
-"""The figures of a slave-mode session as text: timing, the controller's buffer and clock, and motion."""
+"""The figures of a slave-mode session as text: timing, the controller's buffer and clock, and motion.
+
+`CaptionWriter` writes each section: a caption at the left, its text at the right.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from bcapscope.analysis.slave.buffer_model import BufferFacts, PredictedUnderflow
 from bcapscope.analysis.slave.controller_clock import ClockFacts
-from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts, Peak
+from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts
 from bcapscope.analysis.slave.session_slices import SessionSlice
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.slave.timing_model import TimingFacts
@@ -14,8 +18,70 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Quantity, Times, frames_text
-from bcapscope.render.captioned import CaptionWriter, frames_message
-from bcapscope.render.text_charts import edges_around, edges_by_decades, histogram
+from bcapscope.protocol.text_format import display_width
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.columns import align_columns, wrap_text
+from bcapscope.render.escape import printable
+from bcapscope.render.text_charts import DECADE_EDGES, edges_around, histogram
+
+CAPTION_WIDTH = 12
+TEXT_WIDTH = 62
+"""Width of the wrapped text to the right of a caption. With caption and scroll bar, a line fits into 80
+columns."""
+
+_FRAMES_SHOWN = 8
+
+
+@dataclass(frozen=True, slots=True)
+class CaptionWriter:
+    palette: Palette
+    words: MessageFormatter
+
+    def text(self, text: Message | str) -> str:
+        """Return a message as escaped text. A string must be escaped already."""
+        return printable(self.words.text(text)) if isinstance(text, Message) else text
+
+    def label(self, id: str, /, **places: PlaceValue) -> str:
+        """Return the escaped text of the message with this id."""
+        return self.text(Message(id, **places))
+
+    def joined(self, messages: Iterable[Message]) -> str:
+        return self.words("list.comma").join(map(self.text, messages))
+
+    def captioned(self, caption: str, text: Message | str) -> str:
+        """Return a line that begins with the caption `slave.caption.<caption>`."""
+        name = self.label(f"slave.caption.{caption}")
+        space = " " * (CAPTION_WIDTH - display_width(name))
+        return f"  {self.palette.dim}{name}{space}{self.palette.reset}{self.text(text)}".rstrip()
+
+    def continued(self, text: Message | str) -> str:
+        """Return a line without a caption, for more text that belongs to the caption above."""
+        return f"  {'':<{CAPTION_WIDTH}}{self.text(text)}"
+
+    def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
+        """Yield more text for the caption above. Each line has the colour `color` and at most `TEXT_WIDTH`
+        columns.
+        """
+        reset = self.palette.reset if color else ""
+        return (self.continued(f"{color}{line}{reset}") for line in wrap_text(self.text(text), TEXT_WIDTH))
+
+    def table(self, rows: Sequence[Sequence[str]], alignments: str, head_rows: int = 1) -> Iterator[str]:
+        """Yield the lines of a table; the first `head_rows` lines are dim."""
+        for number, line in enumerate(align_columns(rows, alignments)):
+            is_head = number < head_rows
+            yield f"  {self.palette.dim}{line}{self.palette.reset}" if is_head else f"  {line}"
+
+
+def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
+    """Return a message that lists the first 8 frame numbers. The message also says how many of the `count`
+    frames it does not list.
+    """
+    shown = tuple(frames[:_FRAMES_SHOWN])
+    left = (len(frames) if count is None else count) - len(shown)
+    if left:
+        return Message("frames.more", frames=FramePlace(shown), more=left)
+    return Message("frames.one" if len(shown) == 1 else "frames.several", frames=FramePlace(shown))
+
 
 _SLICE_COLUMNS = (
     *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),
@@ -29,7 +95,10 @@ def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
     mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
     rows: list[tuple[str, ...]] = [("ms", mean, "p50", "p90", "p99", "p99.9", most)]
     rows += [
-        (writer.label(f"slave.row.{name}"), *_points(each))
+        (
+            writer.label(f"slave.row.{name}"),
+            *_cells(each.mean, each.p50, each.p90, each.p99, each.p999, each.most),
+        )
         for name, each in zip(names, found, strict=True)
         if each is not None
     ]
@@ -45,7 +114,7 @@ def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
         yield from _cycle_lines(timing, timing.cycle, writer)
     if timing.latency is not None:
         yield writer.captioned("latencies", Message("slave.latencies"))
-        yield from _histogram(timing.latency, edges_by_decades(), writer)
+        yield from _histogram(timing.latency, DECADE_EDGES, writer)
 
 
 def _cycle_lines(timing: TimingFacts, cycle: DistributionSummary, writer: CaptionWriter) -> Iterator[str]:
@@ -72,11 +141,6 @@ def _grid_messages(timing: TimingFacts, cycle: DistributionSummary) -> Iterator[
         yield Message("slave.grid.skipped", n=timing.skipped, limit=limit)
     if timing.backwards:
         yield Message("slave.grid.backwards", n=timing.backwards)
-
-
-def _points(found: DistributionSummary) -> tuple[str, ...]:
-    values = found.mean, found.p50, found.p90, found.p99, found.p999, found.most
-    return tuple(f"{value:.3f}" for value in values)
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
@@ -261,17 +325,12 @@ def _axis(axis: AxisMotion, words: MessageFormatter) -> tuple[str, ...]:
         f"{axis.name}{unit}",
         _short_number(axis.least),
         _short_number(axis.most),
-        _peak(step),
-        "" if step is None else frames_text((step.frame,), words),
+        *(("", "") if step is None else (_short_number(step.value), frames_text((step.frame,), words))),
         *_p99_and_max(axis.velocity),
         *_p99_and_max(axis.acceleration),
         *_p99_and_max(axis.difference),
         "" if axis.lag_cycles is None else f"{axis.lag_cycles:.1f}",
     )
-
-
-def _peak(peak: Peak | None) -> str:
-    return "" if peak is None else _short_number(peak.value)
 
 
 def _p99_and_max(found: DistributionSummary | None) -> tuple[str, str]:

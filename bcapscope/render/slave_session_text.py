@@ -18,12 +18,13 @@ from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
 from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.render.captioned import CaptionWriter, frames_message
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.slave_figures import (
+    CaptionWriter,
     buffer_lines,
     clock_lines,
     deadline_lines,
+    frames_message,
     motion_lines,
     slice_lines,
     timing_lines,
@@ -76,7 +77,9 @@ def _timeline(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[st
     entry = slave_session.entry_call
     how = Message("slave.entered.before")
     if entry is not None:
-        frames = frames_message(_call_frames(entry))
+        frames = frames_message(
+            [each for each in (entry.request_frame, entry.reply_frame) if each is not None]
+        )
         how = Message("slave.entered", call=_call_place(entry), client=str(entry.client), frames=frames)
     yield writer.captioned("entered", f"{utc_text(slave_session.entered_at)}  {writer.text(how)}")
     yield from _mode(slave_session.mode, writer)
@@ -98,10 +101,6 @@ def _since_entry(slave_session: SlaveSession, time: int) -> str:
 
 def _call_place(call: CallFact) -> CallPlace:
     return CallPlace(call.command or function_name(call.function_id), None, call.call)
-
-
-def _call_frames(call: CallFact) -> tuple[int, ...]:
-    return (call.request_frame,) if call.reply_frame is None else (call.request_frame, call.reply_frame)
 
 
 def _mode(mode: KnownMode, writer: CaptionWriter) -> Iterator[str]:
@@ -126,7 +125,7 @@ def _send_message(format_: AcceptedFormat | None) -> Message:
         return Message("slave.format.send.none")
     form = SendFormat.parse(format_.value)
     has = {"hand-io": form.hand_io, "mini-io": form.mini_io, "user-io": form.user_io}
-    return _format_message("send", format_, _io_parts(has), form.other)
+    return _format_message("send", format_, [], has, form.other)
 
 
 def _receive_message(format_: AcceptedFormat | None) -> Message:
@@ -136,16 +135,15 @@ def _receive_message(format_: AcceptedFormat | None) -> Message:
     parts = [_part(f"stamp-{'us' if form.microseconds else 'ms'}")] if form.timestamp else []
     parts += [_part("pose", pose=pose.value) for pose in form.poses]
     has = {"mini-io": form.mini_io, "user-io": form.user_io, "hand-io": form.hand_io, "current": form.current}
-    return _format_message("receive", format_, parts + _io_parts(has), form.other)
+    return _format_message("receive", format_, parts, has, form.other)
 
 
-def _io_parts(has: dict[str, bool]) -> list[Message]:
-    return [_part(name) for name, there in has.items() if there]
-
-
-def _format_message(which: str, format_: AcceptedFormat, parts: list[Message], other: int) -> Message:
+def _format_message(
+    which: str, format_: AcceptedFormat, parts: list[Message], has: dict[str, bool], other: int
+) -> Message:
+    parts += [_part(name) for name, there in has.items() if there]
     if other:
-        parts = [*parts, _part("unknown", bits=HexNumber(other & 0xFFFFFFFF, 1))]
+        parts.append(_part("unknown", bits=HexNumber(other & 0xFFFFFFFF, 1)))
     return Message(
         f"slave.format.{which}",
         value=HexNumber(format_.value & 0xFFFFFFFF, 3),

@@ -23,6 +23,7 @@ from bcapscope.render.columns import align_columns
 from bcapscope.render.csv_table import csv_cell, csv_row
 from bcapscope.render.escape import printable
 from bcapscope.render.json_values import (
+    PERCENTILES,
     conversation_object,
     percentiles_object,
     text_fragment,
@@ -60,8 +61,6 @@ _FIGURES = {
     "line_time_share": "line_time_share",
 }
 """Attributes of `CallFigures` by their names in JSON and CSV."""
-
-_LATENCIES = ("mean", "min", "p50", "p90", "p99", "p99.9", "max")
 
 
 def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS) -> str:
@@ -250,7 +249,7 @@ def _function(call_kind: CallKind) -> str:
 def statistics_header() -> str:
     """Return the header of the CSV table. The column `row` contains `total`, `client` or `command`."""
     columns = ("start", "end", "row", "client", "server", "transport", "function", "command")
-    return csv_row((*columns, *_FIGURES, *(f"latency_ms.{name}" for name in _LATENCIES)))
+    return csv_row((*columns, *_FIGURES, *(f"latency_ms.{name}" for name in PERCENTILES)))
 
 
 def statistics_rows(statistics: Statistics) -> Iterator[str]:
@@ -274,4 +273,4 @@ def _csv_cells(row: StatisticsRow) -> Iterator[object]:
         value = getattr(figures, attribute)
         yield "" if value is None else value
     latency = {} if figures.latency is None else percentiles_object(figures.latency)
-    yield from (latency.get(name, "") for name in _LATENCIES)
+    yield from (latency.get(name, "") for name in PERCENTILES)

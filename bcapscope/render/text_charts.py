@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import groupby, pairwise
-from typing import NamedTuple
+from typing import TypeAlias
 
 from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.color_palette import PLAIN, Palette
@@ -17,42 +17,38 @@ _LABEL = 9
 _LARGEST = 1e9
 
 
-class ChartCurve(NamedTuple):
-    """A curve of a chart.
-
-    The chart leaves out a point if the absolute value of a coordinate is 1e9 or more.
-    """
-
-    points: Sequence[tuple[float, float]]
-    style: str = ""
+ChartCurve: TypeAlias = "tuple[Sequence[tuple[float, float]], str]"
+"""The points of a curve, and the ANSI colour sequence for it."""
 
 
 def braille_chart(
     curves: Sequence[ChartCurve], width: int, height: int, palette: Palette = PLAIN, unit: str = ""
 ) -> list[str]:
-    """Return a chart of all curves in braille characters, with at least 2 lines and 11 columns.
+    """Return a chart of all curves in braille characters, with at least 2 lines and 11 columns. Leave out a
+    point if the absolute value of a coordinate is 1e9 or more.
 
     `height` is the number of lines, `width` the number of columns. Labels at the left show the range of y in
     `unit`. Labels below show the range of x in seconds.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
-        [(x, y) for x, y in curve.points if abs(x) < _LARGEST and abs(y) < _LARGEST] for curve in curves
+        ([(x, y) for x, y in points if abs(x) < _LARGEST and abs(y) < _LARGEST], style)
+        for points, style in curves
     ]
-    everything = [point for points in finite for point in points]
+    everything = [point for points, _ in finite for point in points]
     if not everything:
         return [" " * _LABEL + f"{palette.dim}│{palette.reset}"] * rows + [""]
     (left, right), (low, high) = (_span([point[axis] for point in everything]) for axis in (0, 1))
     cells = [[_BLANK] * columns for _ in range(rows)]
     styles = [[""] * columns for _ in range(rows)]
-    for curve, points in zip(curves, finite, strict=True):
+    for points, style in finite:
         dots = [
             (_place(x, left, right, 2 * columns), 4 * rows - 1 - _place(y, low, high, 4 * rows))
             for x, y in points
         ]
         for across, down in _joined(dots):
             cells[down // 4][across // 2] |= _DOTS[down % 4][across % 2]
-            styles[down // 4][across // 2] = curve.style
+            styles[down // 4][across // 2] = style
     lines = [
         f"{palette.dim}{_label(row, rows, low, high, unit):>{_LABEL}}│{palette.reset}"
         f"{_row(cells[row], styles[row], palette.reset)}"
@@ -113,17 +109,14 @@ _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _NEAR = tuple(2.0**-power for power in range(10, 1, -1))
 _AROUND = (0.5, 0.75, 0.875, 0.9375, 0.9875, 1.0125, 1.0625, 1.125, 1.25, 1.5, 2.0, 3.0)
 _FAR = tuple(2.0**power for power in range(2, 21))
-_STEPS = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5))
+
+DECADE_EDGES = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5))
+"""Bin edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
 
 
 def edges_around(period: float) -> tuple[float, ...]:
     """Return bin edges for values near `period`: narrow bins around `period`, wide bins far from it."""
     return tuple(period * factor for factor in (*_NEAR, *_AROUND, *_FAR))
-
-
-def edges_by_decades() -> tuple[float, ...]:
-    """Return bin edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
-    return _STEPS
 
 
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:

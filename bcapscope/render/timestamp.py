@@ -25,10 +25,9 @@ def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
     that it formats."""
     if time_format is TimeFormat.UTC:
         return utc_text
-    return epoch_text if time_format is TimeFormat.EPOCH else _elapsed_writer(time_format is TimeFormat.DELTA)
-
-
-def _elapsed_writer(since_last: bool) -> Callable[[int], str]:
+    if time_format is TimeFormat.EPOCH:
+        return epoch_text
+    since_last = time_format is TimeFormat.DELTA
     reference: int | None = None
 
     def write(time: int) -> str:

@@ -43,7 +43,6 @@ import orjson
 
 from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
 from bcapscope.analysis.slave.slave_session import AcceptedFormat
-from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.render.json_values import conversation_object, json_number, text_fragment, time_fragment
 from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
@@ -73,7 +72,7 @@ class CsvTrajectoryWriter:
         for step in steps:
             replied = "" if step.reply_time is None else epoch_text(step.reply_time - start)
             returned = numbers_text(step.returned) if step.returned else self._empty_pose
-            stamp = f"{_csv_number(step.stamp)}," if stamped else ""
+            stamp = ("" if step.stamp is None else number_text(step.stamp)) + "," if stamped else ""
             yield (
                 f"{epoch_text(step.time - start)},{numbers_text(step.commanded)},{returned},{replied},"
                 f"{stamp}{step.retries},{'' if step.hresult is None else step.hresult},{step.call}\n"
@@ -115,18 +114,10 @@ class JsonTrajectoryWriter:
 
 
 def column_names(trajectory: CapturedTrajectory) -> list[str]:
-    axes = [_axis_name(axis) for axis in trajectory.axes]
+    axes = [f"{axis.name}_{axis.unit}" if axis.unit else axis.name for axis in trajectory.axes]
     stamps = ["controller_time_ms"] if trajectory.has_stamps else []
     returned = [f"returned_{name}" for name in axes]
     return ["time_s", *axes, *returned, "reply_s", *stamps, "retries", "hresult", "call"]
-
-
-def _axis_name(axis: Axis) -> str:
-    return f"{axis.name}_{axis.unit}" if axis.unit else axis.name
-
-
-def _csv_number(value: float | None) -> str:
-    return "" if value is None else number_text(value)
 
 
 def _header(trajectory: CapturedTrajectory) -> bytes:

@@ -64,9 +64,8 @@ class EmbeddedProxy(RecordingContext):
         self._words += [word for fault in faults for word in ("--fault", fault)]
         self._words += [] if seed is None else ["--seed", str(seed)]
         self._process: ChildProcess | None = None
-        self._controller_port = 0
 
-    def _start(self, opened: ExitStack) -> int:
+    def _start(self, opened: ExitStack) -> tuple[int, ...]:
         """Start the proxy.
 
         Raises:
@@ -74,8 +73,7 @@ class EmbeddedProxy(RecordingContext):
         """
         self._process = ChildProcess("proxy", *self._words, "--record", str(self.recording.resolve()))
         listening, _, controller = self._process.listen_addresses[0].partition(" > ")
-        self._controller_port = int(controller.rpartition(":")[2])
-        return int(listening.rpartition(":")[2])
+        return int(listening.rpartition(":")[2]), int(controller.rpartition(":")[2])
 
     def _stop(self) -> None:
         process, self._process = self._process, None
@@ -90,6 +88,3 @@ class EmbeddedProxy(RecordingContext):
             if now - idle_since >= _IDLE_FOR:
                 return
             time.sleep(_CHECK_INTERVAL)
-
-    def _server_ports(self) -> frozenset[int]:
-        return frozenset((self.port, self._controller_port))

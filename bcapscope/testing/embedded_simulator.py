@@ -71,7 +71,7 @@ class EmbeddedSimulator(RecordingContext):
         self._seed = seed
         self._thread: _ServerThread | None = None
 
-    def _start(self, opened: ExitStack) -> int:
+    def _start(self, opened: ExitStack) -> tuple[int, ...]:
         """Start the controller.
 
         Raises:
@@ -86,7 +86,7 @@ class EmbeddedSimulator(RecordingContext):
         opened.callback(recorder.close)
         server.tap = recorder
         self._thread = opened.enter_context(closing(_ServerThread(server, recorder)))
-        return server.address[1]
+        return (server.address[1],)
 
     def _stop(self) -> None:
         if self._thread is not None:
@@ -96,9 +96,6 @@ class EmbeddedSimulator(RecordingContext):
     def _write_recording(self) -> None:
         if self._thread is not None:
             self._thread.write_recording()
-
-    def _server_ports(self) -> frozenset[int]:
-        return frozenset((self.port,))
 
 
 class _ServerThread:

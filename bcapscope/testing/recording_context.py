@@ -26,11 +26,6 @@ class RecordingContext(ABC):
 
     With `async with`, a thread enters and leaves the block, so that the event loop continues. If the task is
     cancelled, everything is released before the cancellation continues.
-
-    Attributes:
-        host: Address for clients.
-        port: Port for clients, UDP and TCP; 0 before the `with` block begins.
-        recording: Capture of the traffic. A temporary file exists until the block ends.
     """
 
     def __init__(self, record: str | Path | None) -> None:
@@ -38,6 +33,7 @@ class RecordingContext(ABC):
         self.port: int = 0
         self.recording: Path = Path() if record is None else Path(record)
         self._is_temporary = record is None
+        self._ports: tuple[int, ...] = ()
         self._stack = ExitStack()
         self._is_running = False
         self._last_traffic: RecordedTraffic | None = None
@@ -67,9 +63,9 @@ class RecordingContext(ABC):
         return self._last_traffic
 
     @abstractmethod
-    def _start(self, opened: ExitStack) -> int:
-        """Start to serve and record, and return the port. The exit stack `opened` is closed after `_stop` has
-        run.
+    def _start(self, opened: ExitStack) -> tuple[int, ...]:
+        """Start to serve and record. Return the ports of the controllers in the recording; the first is for
+        clients. The exit stack `opened` is closed after `_stop` has run.
         """
 
     @abstractmethod
@@ -80,16 +76,13 @@ class RecordingContext(ABC):
     def _write_recording(self) -> None:
         """Write all traffic so far to the file of the recording."""
 
-    @abstractmethod
-    def _server_ports(self) -> frozenset[int]:
-        """Return the ports of the controllers in the recording."""
-
     def __enter__(self) -> Self:
         with ExitStack() as opened:
             if self._is_temporary:
                 folder = opened.enter_context(TemporaryDirectory(prefix="bcapscope-"))
                 self.recording = Path(folder, "traffic.pcapng")
-            self.port = self._start(opened)
+            self._ports = self._start(opened)
+            self.port = self._ports[0]
             self._last_traffic, self._is_running = None, True
             self._stack = opened.pop_all()
         return self
@@ -113,7 +106,7 @@ class RecordingContext(ABC):
     def _read_recording(self) -> RecordedTraffic:
         from bcapscope.testing.recorded_traffic import RecordedTraffic  # imports NumPy
 
-        return RecordedTraffic(self.recording, self._server_ports())
+        return RecordedTraffic(self.recording, self._ports)
 
 
 async def _was_cancelled_during(work: Callable[[], object]) -> bool:

@@ -1,4 +1,5 @@
-"""The capture interfaces that bcapscope adds to Wireshark, and the options that Wireshark shows for each.
+"""The capture interfaces that bcapscope adds to Wireshark, the options that Wireshark shows for each, and the
+lines that describe both to Wireshark. The extcap protocol calls these lines sentences (`man extcap`).
 
 When Wireshark starts, it runs every program in its extcap folder. This module imports little, so that it
 starts fast.
@@ -7,10 +8,11 @@ starts fast.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from bcapscope import __version__
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.simulator.profile import PROFILES
@@ -47,13 +49,9 @@ class DialogOption:
 
     Attributes:
         call: Name that Wireshark passes, such as `--port`.
-        label: Label of the input.
-        tooltip: Text that explains the input.
-        default: Initial value; "" for none.
         placeholder: Example that Wireshark shows in an empty input.
         choices: Maps each value of a list to the text that Wireshark shows for this value.
         range: Smallest and largest number; "" for no limits.
-        is_required: Whether Wireshark asks for a value before it captures.
         option: Name of the command's option; "" if the name is the same as `call`.
         each_value: If the input can contain several values, the pattern of one value. If the input contains
             several values, the command gets the option once for each value.
@@ -247,3 +245,54 @@ def simulator_source() -> CaptureSource:
 
 def capture_sources() -> dict[str, CaptureSource]:
     return {source.name: source for source in (proxy_source(), simulator_source())}
+
+
+_LINKTYPE_RAW = 101
+_UNQUOTABLE = str.maketrans("{}\r\n\t", "()   ")
+"""Braces and line ends delimit values and sentences, and the protocol has no way to quote them."""
+
+_FILE_TYPES = "Scenarios (*.yaml *.yml);;All files (*)"
+
+
+def interface_sentences(sources: dict[str, CaptureSource]) -> Iterator[str]:
+    """Yield a sentence with the version of bcapscope, then a sentence for each interface."""
+    yield _sentence("extcap", version=__version__, display="b-CAP")
+    for source in sources.values():
+        yield _sentence("interface", value=source.name, display=source.title)
+
+
+def link_type_sentences() -> Iterator[str]:
+    yield _sentence("dlt", number=_LINKTYPE_RAW, name="LINKTYPE_RAW", display="Raw IP")
+
+
+def option_sentences(source: CaptureSource) -> Iterator[str]:
+    """Yield a sentence for each input of an interface's dialog. If the input is a list, the sentences for its
+    values follow.
+    """
+    for number, option in enumerate(source.options):
+        yield _sentence("arg", number=number, **_input(option))
+        for value, display in option.choices.items():
+            is_default = "true" if value == option.default else "false"
+            yield _sentence("value", arg=number, value=value, display=display, default=is_default)
+
+
+def _input(option: DialogOption) -> dict[str, str]:
+    given = {
+        "call": option.call,
+        "display": option.label,
+        "type": option.type.value,
+        "default": option.default,
+        "tooltip": option.tooltip,
+        "placeholder": option.placeholder,
+        "range": option.range,
+        "required": "true" if option.is_required else "",
+    }
+    if option.type is DialogType.FILE:
+        given |= {"mustexist": "true", "fileext": _FILE_TYPES}
+    return {name: value for name, value in given.items() if value}
+
+
+def _sentence(kind: str, **parts: str | int) -> str:
+    return f"{kind} " + "".join(
+        f"{{{name}={str(value).translate(_UNQUOTABLE)}}}" for name, value in parts.items()
+    )

@@ -1,14 +1,27 @@
 """Write the Wireshark dissector. It consists of the protocol's tables as Lua code, followed by the Lua parts
-in the folder `lua`.
+in the folder `lua`. The dissector takes all its names, numbers and texts from these tables.
 """
 
 from __future__ import annotations
 
 import re
+import sys
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 
 from bcapscope import __version__
-from bcapscope.wireshark.lua_tables import dissector_tables
+from bcapscope.capture.role_detection import BCAP_PORTS, SENT_TYPES
+from bcapscope.messages import ENGLISH_WORDS, Message
+from bcapscope.protocol.codec import arguments, frame_content, stream_splitter, variant
+from bcapscope.protocol.codec.variant import ARRAY, VT, vt_name
+from bcapscope.protocol.slave_mode.modes import MODES
+from bcapscope.protocol.tables import hresult
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.render.escape import printable
+from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, LONGEST_NAME, MAX_SERIALS
+from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, RETRY_WITHIN_NS
+from bcapscope.traffic.serial_table import MAX_REUSED
 
 PARTS = ("inflate", "decoder", "splitter", "dissector")
 """The fixed Lua parts of the dissector, in the order in which the dissector contains them. Each part uses
@@ -16,6 +29,11 @@ what the earlier parts export.
 """
 
 _EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
+
+_TEXT_ID = re.compile(r'"((?:problem|hresult)\.[a-z0-9.-]*[a-z0-9])"')
+
+_HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")
+"""Unicode categories of the characters that can control a terminal or hide text."""
 
 _HEAD = """\
 -- DENSO b-CAP for Wireshark, Lua 5.2 to 5.4.
@@ -30,7 +48,7 @@ local byte, sub, floor = string.byte, string.sub, math.floor
 def dissector_text() -> str:
     folder = files(__package__) / "lua"
     parts = [(folder / f"{part}.lua").read_text(encoding="utf-8") for part in PARTS]
-    return "\n".join((_HEAD.format(version=__version__), dissector_tables(parts), *map(_block, parts)))
+    return "\n".join((_HEAD.format(version=__version__), _tables(parts), *map(_block, parts)))
 
 
 def _block(part: str) -> str:
@@ -40,3 +58,113 @@ def _block(part: str) -> str:
     exports = _EXPORTS.search(part)
     declared = f"local {exports[1]}\n" if exports else ""
     return f"{declared}do\n\n{part}\nend\n"
+
+
+def _tables(parts: Iterable[str]) -> str:
+    """Return all tables as Lua code. `parts` are the fixed Lua parts of the dissector. The Lua code of these
+    parts refers to texts by id, and the tables contain only these texts.
+    """
+    tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
+    tables["COUNTS"] = {
+        unit: [ENGLISH_WORDS.plural(f"count.{unit}", number).replace(str(number), "{n}") for number in (1, 2)]
+        for unit in ("byte", "element")
+    }
+    tables["SLAVE_MODES"] = _slave_modes()
+    tables["UNPRINTABLE"] = {
+        char: printable(char)
+        for char in map(chr, range(0x80, sys.maxunicode + 1))
+        if unicodedata.category(char) in _HIDDEN_CATEGORIES
+    }
+    return "\n".join(f"local {name} = {_lua(value)}" for name, value in tables.items()) + "\n"
+
+
+def _limits() -> dict[str, object]:
+    return {
+        "DEFAULT_PORT": ",".join(map(str, sorted(BCAP_PORTS))),
+        "SOH": frame_content.SOH,
+        "EOT": frame_content.EOT,
+        "HEADER_SIZE": frame_content.HEADER_SIZE,
+        "SMALLEST_FRAME": frame_content.SMALLEST_FRAME,
+        "LARGEST_FRAME": frame_content.LARGEST_FRAME,
+        "LARGEST_UNPACKED": frame_content.LARGEST_UNPACKED,
+        "LARGEST_UNCONFIRMED": stream_splitter.LARGEST_UNCONFIRMED,
+        "LARGEST_GARBAGE": stream_splitter.LARGEST_GARBAGE,
+        "MAX_RESYNC_ARGUMENTS": stream_splitter.MAX_RESYNC_ARGUMENTS,
+        "SMALLEST_ARGUMENT": arguments.SMALLEST_ARGUMENT,
+        "MAX_NUMBERS": arguments.MAX_NUMBERS,
+        "MAX_VALUES": arguments.MAX_VALUES,
+        "MAX_PROBLEMS": arguments.MAX_PROBLEMS,
+        "MAX_NESTING": variant.MAX_NESTING,
+        "MAX_SERIALS": MAX_SERIALS,
+        "MAX_REUSED": MAX_REUSED,
+        "LONGEST_NAME": LONGEST_NAME,
+        "COPIES_WITHIN": COPIES_WITHIN_NS / 1e9,
+        "RETRY_WITHIN": RETRY_WITHIN_NS / 1e9,
+        "S_EXECUTING": hresult.S_EXECUTING,
+    }
+
+
+def _types() -> dict[str, object]:
+    names = {int(vt): vt_name(vt) for vt in VT}
+    constants = {vt.name: int(vt) for vt in (VT.NULL, VT.BSTR, VT.BOOL, VT.VARIANT, VT.UI1, VT.CY, VT.ERROR)}
+    return {
+        "ARRAY": ARRAY,
+        **constants,
+        "WIDTHS": {int(vt): width for vt, width in variant.NUMBER_WIDTHS.items()},
+        "TYPE_NAMES": names,
+        "TYPE_NAMES_WITH_ARRAYS": names | {ARRAY | vt: vt_name(ARRAY | vt) for vt in names},
+        "SENT_TYPES": {name: dict.fromkeys(map(int, types), True) for name, types in SENT_TYPES.items()},
+    }
+
+
+def _functions() -> dict[str, object]:
+    functions = FUNCTIONS.values()
+    return {
+        "FUNCTION_NAMES": {each.id: each.name for each in functions},
+        "PARAMS": {each.id: [[param.name, param.type] for param in each.params] for each in functions},
+        "RESULT_NAMES": {each.id: each.result_name for each in functions if each.result_name},
+        "COMMAND_FUNCTIONS": dict.fromkeys(sorted(COMMAND_FUNCTIONS), True),
+    }
+
+
+def _results() -> dict[str, object]:
+    return {
+        "RESULTS": {
+            info.code: [hresult.hresult_name(info.code), info.text] for info in hresult.listed_results()
+        },
+        "RESULT_RANGES": [list(each) for each in hresult.result_ranges()],
+        "RC7_RESULTS": {low: info.text for low, info in hresult.rc7_results().items()},
+    }
+
+
+def _slave_modes() -> dict[int, str]:
+    texts: dict[int, list[str]] = {}
+    for mode in MODES:
+        texts.setdefault(mode.value, []).append(f"{mode.generation}: {mode.text}")
+    return {value: " / ".join(found) for value, found in texts.items()}
+
+
+def _texts(parts: Iterable[str]) -> dict[str, str]:
+    used = {found for part in parts for found in _TEXT_ID.findall(part)}
+    used |= {f"hresult.level.{level}" for level in hresult.LEVELS}
+    used |= {f"hresult.part.{part}" for part in hresult.SUBSYSTEMS}
+    return {id: str(Message(id)) for id in sorted(used)}
+
+
+def _lua(value: object) -> str:
+    if isinstance(value, str):
+        return '"' + "".join(map(_lua_char, value)) + '"'
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        lines = "".join(f"    [{_lua(key)}] = {_lua(each)},\n" for key, each in value.items())
+        return f"{{\n{lines}}}"
+    if isinstance(value, Sequence):
+        return f"{{ {', '.join(map(_lua, value))} }}"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _lua_char(char: str) -> str:
+    if char.isprintable():
+        return f"\\{char}" if char in '"\\' else char
+    return "".join(f"\\{byte:03d}" for byte in char.encode())

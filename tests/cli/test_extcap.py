@@ -18,8 +18,8 @@ from bcapscope.wireshark.capture_sources import (
     DialogOption,
     DialogType,
     capture_sources,
+    option_sentences,
 )
-from bcapscope.wireshark.extcap_sentences import option_sentences
 from tests.cli.run import run_here
 
 SOURCES = capture_sources()

@@ -7,7 +7,7 @@ import pytest
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Value, Variant
 from bcapscope.protocol.dissection.frame_field import frame_fields
-from bcapscope.render.frame_outline import field_meaning
+from bcapscope.render.frame_tree import field_meaning
 from bcapscope.render.value_text import value_text
 
 

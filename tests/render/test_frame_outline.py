@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.frame import Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.render.frame_outline import MAX_ELEMENTS, FieldRow, FieldRowKind, field_rows, frame_sections
+from bcapscope.render.frame_tree import MAX_ELEMENTS, FieldRow, FieldRowKind, field_rows, frame_sections
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 from tests.render.scenes import ROBOT, observe, scenes

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.render.color_palette import ANSI, PLAIN
-from bcapscope.render.frame_outline import MAX_ELEMENTS
-from bcapscope.render.frame_tree import FrameTreeRenderer
+from bcapscope.render.frame_tree import MAX_ELEMENTS, FrameTreeRenderer
 from bcapscope.traffic.observation import Direction
 from tests.render.scenes import HOSTILE, ROBOT, observe, scenes
 from tests.strategies import mutated_frames

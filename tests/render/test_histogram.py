@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.color_palette import ANSI
-from bcapscope.render.text_charts import BAR_WIDTH, edges_around, edges_by_decades, histogram
+from bcapscope.render.text_charts import BAR_WIDTH, DECADE_EDGES, edges_around, histogram
 
 
 def test_rows_between_the_first_and_the_last_that_hold_something() -> None:
@@ -26,7 +26,7 @@ def test_rows_between_the_first_and_the_last_that_hold_something() -> None:
 
 
 def test_one_among_a_million_is_seen() -> None:
-    first, last = histogram([Bin(1.0, 1.1, 999_999), Bin(3.0, 3.1, 1)], edges_by_decades())
+    first, last = histogram([Bin(1.0, 1.1, 999_999), Bin(3.0, 3.1, 1)], DECADE_EDGES)
     assert first.count("█") == BAR_WIDTH
     assert "▏" in last
 
@@ -37,19 +37,19 @@ def test_beyond_the_last_edge() -> None:
 
 
 def test_nothing_to_draw() -> None:
-    assert list(histogram([], edges_by_decades())) == []
+    assert list(histogram([], DECADE_EDGES)) == []
 
 
 def test_colours_change_no_character() -> None:
     bins = [Bin(1.0, 1.1, 5), Bin(3.0, 3.1, 1)]
-    coloured = "\n".join(histogram(bins, edges_by_decades(), ANSI))
+    coloured = "\n".join(histogram(bins, DECADE_EDGES, ANSI))
     assert ANSI.number in coloured
     assert coloured.replace(ANSI.number, "").replace(ANSI.reset, "") == "\n".join(
-        histogram(bins, edges_by_decades())
+        histogram(bins, DECADE_EDGES)
     )
 
 
-@pytest.mark.parametrize("edges", [edges_around(8.0), edges_around(1.0), edges_by_decades()])
+@pytest.mark.parametrize("edges", [edges_around(8.0), edges_around(1.0), DECADE_EDGES])
 def test_edges_rise(edges: tuple[float, ...]) -> None:
     assert list(edges) == sorted(set(edges))
 
@@ -57,6 +57,6 @@ def test_edges_rise(edges: tuple[float, ...]) -> None:
 @given(st.lists(st.tuples(st.floats(1e-3, 1e5), st.integers(1, 10**7)), max_size=30))
 def test_every_value_is_in_a_row_and_no_row_is_wide(values: list[tuple[float, int]]) -> None:
     bins = [Bin(value, value * 1.005, count) for value, count in sorted(values)]
-    lines = list(histogram(bins, edges_by_decades()))
+    lines = list(histogram(bins, DECADE_EDGES))
     assert sum(int(line[21 + BAR_WIDTH :].split()[0]) for line in lines) == sum(count for _, count in values)
     assert all(len(line) <= 80 for line in lines)

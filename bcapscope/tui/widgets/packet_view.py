@@ -12,8 +12,14 @@ from textual.containers import Container, Horizontal
 from textual.events import Click, Resize
 from textual.message import Message
 
-from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows, frame_sections
-from bcapscope.render.frame_tree import colored_value
+from bcapscope.render.frame_tree import (
+    FieldRow,
+    FieldRowKind,
+    FrameSection,
+    colored_value,
+    field_rows,
+    frame_sections,
+)
 from bcapscope.render.hexdump import PER_LINE, Highlight, hexdump
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation

@@ -28,7 +28,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables import enumerations
 from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.escape import printable
-from bcapscope.render.frame_outline import field_rows, frame_sections
+from bcapscope.render.frame_tree import field_rows, frame_sections
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import statistics_lines

@@ -7,7 +7,7 @@ from textual.pilot import Pilot
 
 from bcapscope.protocol.codec.frame import Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.render.frame_outline import frame_sections
+from bcapscope.render.frame_tree import frame_sections
 from bcapscope.tui.widgets.packet_view import FieldTree, HexView, PacketView, _byte_at, width_for
 from tests.render.scenes import ROBOT, observe, scenes
 from tests.tui.marks import strip_styles
