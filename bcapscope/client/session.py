@@ -176,14 +176,12 @@ class Session:
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
-        if command_of(function_id, arguments) != "slvmove":
-            in_async = paces.others == DEFAULT_RETRY_POLICIES.others and any(
-                mode & _ASYNC for mode in self._slave_modes.values()
-            )
-            return OTHERS_IN_ASYNC_MODE if in_async else paces.others
-        return (
-            paces.asynchronous if self._slave_modes.get(_first_handle(arguments), 0) & _ASYNC else paces.sync
-        )
+        if command_of(function_id, arguments) == "slvmove":
+            mode = self._slave_modes.get(_first_handle(arguments), 0)
+            return paces.asynchronous if mode & _ASYNC else paces.sync
+        is_async = any(mode & _ASYNC for mode in self._slave_modes.values())
+        is_default = paces.others == DEFAULT_RETRY_POLICIES.others
+        return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
         """Return whether a call may energise or move the robot. For a call that writes a variable, the result

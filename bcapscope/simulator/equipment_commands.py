@@ -244,14 +244,10 @@ def _close_bracket(context: CallContext, name: str) -> None:
 
 
 def _force_control(context: CallContext) -> None:
-    """Run ForceCtrl: on or off, a number 1..10 and a mode. Without the motor, force control stays off."""
-    items, machine = context.items, context.machine
-    machine.check_arm(context.client)
-    if items.integer(0) == 0:
-        machine.equipment.force_control = None
-        return
-    number = items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
-    machine.equipment.force_control = number if machine.motor_is_on(context.now) else None
+    """Run ForceCtrl: on or off, a number 1..10 and a mode. No force control changes a motion."""
+    context.machine.check_arm(context.client)
+    if context.items.integer(0) != 0:
+        context.items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
 
 
 def _force_parameters(context: CallContext) -> None:
