@@ -89,6 +89,13 @@ class Speeds:
     acceleration: float = 100.0
     deceleration: float = 100.0
 
+    def set_percent(self, refusal: int, **values: float) -> None:
+        """Set some values. Refuse the call with `refusal` unless all are above 0 and at most 100."""
+        if not all(0 < value <= 100 for value in values.values()):
+            raise RefusedError(refusal)
+        for name, value in values.items():
+            setattr(self, name, value)
+
     def effective_share(self, speed: float | None) -> float:
         """Return the speed of a motion as a share of the highest speed, from 0.001 to 1.
 
