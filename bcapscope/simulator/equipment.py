@@ -156,7 +156,7 @@ class Hand:
             self.motion_count += 1
 
     def lose_grip(self) -> None:
-        """Release the gripped object, as a hand does when the motor loses its power."""
+        """Release the gripped object, as a hand does without the motor's power (error 80500371)."""
         self._force = 0.0
         self._touches_object = False
 
@@ -185,8 +185,3 @@ class Equipment:
     def stop(self, now: int) -> None:
         self.hand.stop(now, RefusalCode.HAND_STOPPED)
         self.gripper.stop(now, RefusalCode.HAND_STOPPED)
-
-    def lose_power(self) -> None:
-        """Release the grip, which needs the motor's power (error 80500371)."""
-        self.hand.lose_grip()
-        self.vacuum = 0.0

@@ -359,4 +359,5 @@ class Machine:
 
     def _lose_power(self) -> None:
         self._motor_at = None
-        self.equipment.lose_power()
+        self.equipment.hand.lose_grip()
+        self.equipment.vacuum = 0.0
