@@ -221,7 +221,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call in an emergency stop, error or manual mode, or without the executable token."""
+        """Refuse a call in an emergency stop or error, outside automatic mode, or without the token."""
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
