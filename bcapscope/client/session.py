@@ -95,7 +95,7 @@ class Session:
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
         mode = requested_slave_mode(function_id, arguments)
-        robot = _first_handle(arguments)
+        robot = first_number(arguments) or 0
         before = self._slave_modes.get(robot, 0)
         # Record the effect before the call, because the controller may execute the call even if this task is
         # cancelled.
@@ -176,14 +176,12 @@ class Session:
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
-        if command_of(function_id, arguments) != "slvmove":
-            in_async = paces.others == DEFAULT_RETRY_POLICIES.others and any(
-                mode & _ASYNC for mode in self._slave_modes.values()
-            )
-            return OTHERS_IN_ASYNC_MODE if in_async else paces.others
-        return (
-            paces.asynchronous if self._slave_modes.get(_first_handle(arguments), 0) & _ASYNC else paces.sync
-        )
+        if command_of(function_id, arguments) == "slvmove":
+            mode = self._slave_modes.get(first_number(arguments) or 0, 0)
+            return paces.asynchronous if mode & _ASYNC else paces.sync
+        is_async = any(mode & _ASYNC for mode in self._slave_modes.values())
+        is_default = paces.others == DEFAULT_RETRY_POLICIES.others
+        return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
         """Return whether a call may energise or move the robot. For a call that writes a variable, the result
@@ -200,7 +198,7 @@ class Session:
         self.handles.record_call(function, arguments, reply)
         mode = requested_slave_mode(function_id, arguments)
         if mode is not None:
-            self._slave_modes[_first_handle(arguments)] = mode
+            self._slave_modes[first_number(arguments) or 0] = mode
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
@@ -235,10 +233,6 @@ def requested_slave_mode(function_id: int, arguments: Sequence[Variant]) -> int 
     if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
         return None
     return integer_value(arguments[2]) or 0
-
-
-def _first_handle(arguments: Sequence[Variant]) -> int:
-    return first_number(arguments) or 0
 
 
 @asynccontextmanager

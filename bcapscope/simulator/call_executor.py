@@ -162,13 +162,10 @@ class CallExecutor:
             return ()
         if answer.value is not None:
             return (answer.value,)
-        return () if self._has_no_argument(function_id) else (EMPTY,)
-
-    def _has_no_argument(self, function_id: int) -> bool:
-        """Return whether a reply without a value is empty. Other profiles send the value EMPTY instead."""
         which = self._profile.no_argument
         if which is not NoArgument.SLVCHANGEMODE:
-            return which is NoArgument.ALWAYS
+            return () if which is NoArgument.ALWAYS else (EMPTY,)
         arguments = self._request[1]
         command = arguments[1].value if function_id == _ROBOT_EXECUTE and len(arguments) > 1 else None
-        return isinstance(command, str) and command.casefold() == "slvchangemode"
+        is_change_mode = isinstance(command, str) and command.casefold() == "slvchangemode"
+        return () if is_change_mode else (EMPTY,)

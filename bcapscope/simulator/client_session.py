@@ -148,15 +148,12 @@ class ClientSession:
         providers = self.machine.profile.providers
         if providers and provider.strip().casefold() not in map(str.casefold, providers):
             raise RefusedError(E_INVALIDARG, _provider_reason(provider.strip(), providers))
-        open_already = self.objects.find_by_name(ObjectClass.CONTROLLER, name, None) if name else None
-        if "@ifnotmember" in option.casefold():
-            if open_already:
-                return i4(open_already.handle)
-        elif name and providers:
+        if name and providers and "@ifnotmember" not in option.casefold():
             for objects in self.machine.open_objects.values():
                 if objects.find_by_name(ObjectClass.CONTROLLER, name, None):
                     raise RefusedError(E_CAO_COLLECTION_REGISTERED)
-        return i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle)
+        option = option if name else ""
+        return i4(self.objects.open_named(ObjectClass.CONTROLLER, name, None, option).handle)
 
 
 def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:

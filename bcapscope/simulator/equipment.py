@@ -156,7 +156,7 @@ class Hand:
             self.motion_count += 1
 
     def lose_grip(self) -> None:
-        """Release the gripped object, as a hand does when the motor loses its power."""
+        """Release the gripped object, as a hand does without the motor's power (error 80500371)."""
         self._force = 0.0
         self._touches_object = False
 
@@ -171,7 +171,6 @@ class Equipment:
         lines: Numbers of the open serial and socket lines.
         brackets: `time` after SyncTimeStart until SyncTimeEnd, and `move` after SyncMoveStart until
             SyncMoveEnd.
-        force_control: Number of the active force control; None if force control is off.
     """
 
     def __init__(self, object_width: float | None) -> None:
@@ -182,14 +181,7 @@ class Equipment:
         self.areas: set[int] = set()
         self.lines: set[int] = set()
         self.brackets: set[str] = set()
-        self.force_control: int | None = None
 
     def stop(self, now: int) -> None:
         self.hand.stop(now, RefusalCode.HAND_STOPPED)
         self.gripper.stop(now, RefusalCode.HAND_STOPPED)
-
-    def lose_power(self) -> None:
-        """Switch off force control and release the grip: both need the motor's power (error 80500371)."""
-        self.hand.lose_grip()
-        self.vacuum = 0.0
-        self.force_control = None

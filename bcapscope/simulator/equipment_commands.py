@@ -222,43 +222,30 @@ HAND_EXTENSION_COMMANDS: CommandTable = {
 
 
 _FORCE_CONTROLS = range(1, 11)
-_COORDINATES = range(3)
 _MAX_FORCE_VALUES = 14
-_BUTTONS = range(3)
 _LINE_IS_OPEN = 2
 _SIX = (0.0,) * 6
 
 
-def _open_bracket(context: CallContext, name: str) -> None:
+def _switch_bracket(context: CallContext, name: str, opens: bool) -> None:
     brackets = context.machine.equipment.brackets
-    if name in brackets:
-        raise RefusedError(BRACKET_IS_OPEN[name])
-    brackets.add(name)
-
-
-def _close_bracket(context: CallContext, name: str) -> None:
-    brackets = context.machine.equipment.brackets
-    if name not in brackets:
-        raise RefusedError(BRACKET_IS_CLOSED[name])
-    brackets.remove(name)
+    if (name in brackets) == opens:
+        raise RefusedError(BRACKET_IS_OPEN[name] if opens else BRACKET_IS_CLOSED[name])
+    (brackets.add if opens else brackets.remove)(name)
 
 
 def _force_control(context: CallContext) -> None:
-    """Run ForceCtrl: on or off, a number 1..10 and a mode. Without the motor, force control stays off."""
-    items, machine = context.items, context.machine
-    machine.check_arm(context.client)
-    if items.integer(0) == 0:
-        machine.equipment.force_control = None
-        return
-    number = items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
-    machine.equipment.force_control = number if machine.motor_is_on(context.now) else None
+    """Run ForceCtrl: on or off, a number 1..10 and a mode. No force control changes a motion."""
+    context.machine.check_arm(context.client)
+    if context.items.integer(0) != 0:
+        context.items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
 
 
 def _force_parameters(context: CallContext) -> None:
     """Run ForceParam with number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
     items = context.items
     items.integer_within(0, _FORCE_CONTROLS, E_INVALIDARG)
-    items.integer_within(1, _COORDINATES, E_INVALIDARG)
+    items.integer_within(1, range(3), E_INVALIDARG)
     if len(items) > _MAX_FORCE_VALUES or len(numbers_of(items.at(2))) < len(_SIX):
         raise RefusedError(E_INVALIDARG)
 
@@ -274,7 +261,7 @@ def _checked(check: Callable[[CallContext], object], value: Variant | None = Non
 
 
 def _check_button(context: CallContext) -> None:
-    number_within(context.parameter, _BUTTONS, RefusalCode.BAD_INDEX)
+    number_within(context.parameter, range(3), RefusalCode.BAD_INDEX)
 
 
 def _check_scene(context: CallContext) -> None:
@@ -313,10 +300,10 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "twofggetminwidth": _of_gripper(lambda hand, now: r8(hand.limits.narrowest)),
     "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
     "twofggetforce": _of_gripper(lambda hand, now: r8(hand.force(now))),
-    "synctimestart": partial(_open_bracket, name="time"),
-    "synctimeend": partial(_close_bracket, name="time"),
-    "syncmovestart": partial(_open_bracket, name="move"),
-    "syncmoveend": partial(_close_bracket, name="move"),
+    "synctimestart": partial(_switch_bracket, name="time", opens=True),
+    "synctimeend": partial(_switch_bracket, name="time", opens=False),
+    "syncmovestart": partial(_switch_bracket, name="move", opens=True),
+    "syncmoveend": partial(_switch_bracket, name="move", opens=False),
     "forcectrl": _force_control,
     "forceparam": _force_parameters,
     "forcevalue": _checked(lambda context: context.items.integer(0), float_array(VT.R8, _SIX)),

@@ -59,12 +59,12 @@ def _clear_error(context: CallContext) -> None:
 
 
 def _current_error_info(context: CallContext) -> Variant:
-    alarm = _alarm_at(context.machine.active_alarms, integer_of(context.parameter))
+    alarm = _chosen_alarm(context, context.machine.active_alarms)
     return variant_array(i4(alarm.code), bstr(alarm.text), i4(0), i4(0), bstr(""), i4(0), i4(0))
 
 
 def _error_log(context: CallContext) -> Variant:
-    alarm = _alarm_at(context.machine.alarm_log, integer_of(context.parameter))
+    alarm = _chosen_alarm(context, context.machine.alarm_log)
     at = _DAY_0 + timedelta(days=context.machine.date(alarm.time))
     date = (at.year, at.month, at.isoweekday() % 7, at.day)
     clock = (at.hour, at.minute, at.second, at.microsecond // 1000)
@@ -72,11 +72,8 @@ def _error_log(context: CallContext) -> Variant:
     return variant_array(i4(alarm.code), *map(i4, (*date, *clock)), *rest)
 
 
-def _alarm_at(alarms: Sequence[Alarm], index: int) -> Alarm:
-    """Return an error by its index; index 0 is the newest error."""
-    if not 0 <= index < len(alarms):
-        raise RefusedError(RefusalCode.BAD_INDEX)
-    return alarms[index]
+def _chosen_alarm(context: CallContext, alarms: Sequence[Alarm]) -> Alarm:
+    return alarms[number_within(context.parameter, range(len(alarms)), RefusalCode.BAD_INDEX)]
 
 
 def _system_state(context: CallContext) -> Variant:
@@ -151,11 +148,7 @@ def open_object(context: CallContext, kind: ObjectClass) -> Variant:
     """Open an object by name; with @IfNotMember, return the handle of an object that is already open."""
     name, option = context.arguments.text(0), context.arguments.text(1, default="")
     _check_name(context, kind, name, option)
-    if "@ifnotmember" in option.casefold():
-        found = context.objects.find_by_name(kind, name, context.object)
-        if found:
-            return i4(found.handle)
-    return i4(context.objects.open(kind, name, context.object).handle)
+    return i4(context.objects.open_named(kind, name, context.object, option).handle)
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
@@ -227,20 +220,14 @@ def _stored_value(key: str, default: Variant = EMPTY) -> CallHandler:
 
 
 def _robot_speed(context: CallContext) -> None:
-    speed = context.arguments.number(1)
-    if not 0 < speed <= 100:
-        raise RefusedError(E_INVALIDARG)
-    context.machine.speeds.internal = speed
+    context.machine.speeds.set_percent(E_INVALIDARG, internal=context.arguments.number(1))
 
 
 def _robot_accelerate(context: CallContext) -> None:
     """Run Robot_Accelerate: parameters two and three are in percent, and -1 keeps the current value."""
-    pair = context.arguments.number(1), context.arguments.number(2)
-    if not all(value == -1 or 0 < value <= 100 for value in pair):
-        raise RefusedError(E_INVALIDARG)
-    speeds = context.machine.speeds
-    speeds.acceleration = speeds.acceleration if pair[0] == -1 else pair[0]
-    speeds.deceleration = speeds.deceleration if pair[1] == -1 else pair[1]
+    given = {"acceleration": context.arguments.number(1), "deceleration": context.arguments.number(2)}
+    changed = {name: value for name, value in given.items() if value != -1}
+    context.machine.speeds.set_percent(E_INVALIDARG, **changed)
 
 
 def _robot_change(context: CallContext) -> None:

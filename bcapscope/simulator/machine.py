@@ -89,6 +89,13 @@ class Speeds:
     acceleration: float = 100.0
     deceleration: float = 100.0
 
+    def set_percent(self, refusal: int, **values: float) -> None:
+        """Set some values. Refuse the call with `refusal` unless all are above 0 and at most 100."""
+        if not all(0 < value <= 100 for value in values.values()):
+            raise RefusedError(refusal)
+        for name, value in values.items():
+            setattr(self, name, value)
+
     def effective_share(self, speed: float | None) -> float:
         """Return the speed of a motion as a share of the highest speed, from 0.001 to 1.
 
@@ -214,7 +221,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call in an emergency stop, error or manual mode, or without the executable token."""
+        """Refuse a call in an emergency stop or error, outside automatic mode, or without the token."""
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
@@ -352,4 +359,5 @@ class Machine:
 
     def _lose_power(self) -> None:
         self._motor_at = None
-        self.equipment.lose_power()
+        self.equipment.hand.lose_grip()
+        self.equipment.vacuum = 0.0

@@ -202,10 +202,7 @@ def _depart(context: CallContext) -> HandlerOutcome:
 def _drive_many(context: CallContext, absolute: bool) -> HandlerOutcome:
     """Run DriveEx or DriveAEx. Parameters: axes with their angles, as text or as pairs, then an option."""
     items = context.items
-    axes = items.at(0)
-    ways, passing = (
-        _axis_moves_of_text(axes.value) if isinstance(axes.value, str) else _axis_moves_of_pairs(axes)
-    )
+    ways, passing = _axis_moves(items.at(0))
     option = items.text(1, default="")
     passing = _parse_passing(option) if passing is None else passing
     return _drive_axes(context, ways, absolute, option, passing)
@@ -221,8 +218,10 @@ def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]
     return ways, parse_pass_text(match["pass"]) if match["pass"] else None
 
 
-def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
-    """Read pairs of axis and angle; DENSO's ROS driver sends each pair as `[pair, type, pass]`."""
+def _axis_moves(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
+    """Read axes and angles, as text or as pairs; DENSO's ROS driver sends a pair as `[pair, type, pass]`."""
+    if isinstance(axes.value, str):
+        return _axis_moves_of_text(axes.value)
     ways, passing = [], None
     for parts in map(items_of, items_of(axes)):
         wrapped = isinstance(parts.at(0).value, tuple)

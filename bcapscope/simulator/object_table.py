@@ -56,6 +56,13 @@ class ObjectTable(dict[int, ControllerObject]):
         self[made.handle] = made
         return made
 
+    def open_named(
+        self, kind: ObjectClass, name: str, parent: ControllerObject | None, option: str
+    ) -> ControllerObject:
+        """Open an object; with @IfNotMember, return the object with this name if it is already open."""
+        found = self.find_by_name(kind, name, parent) if "@ifnotmember" in option.casefold() else None
+        return self.open(kind, name, parent) if found is None else found
+
     def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
         """Return the object of a handle; refuse a handle that is unknown or belongs to another class."""
         value = handle.value

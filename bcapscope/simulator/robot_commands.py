@@ -208,9 +208,9 @@ def _ext_speed(context: CallContext) -> None:
         keep if value == _KEEP else speed * speed / 100 if value == _SQUARE else value
         for keep, value in zip(old[1:], (*numbers[1:3], *(_SQUARE,) * 2), strict=False)
     ]
-    if not all(0 < value <= 100 for value in (speed, *rest)):
-        raise RefusedError(E_INVALIDARG)
-    speeds.external, speeds.external_acceleration, speeds.external_deceleration = speed, *rest
+    speeds.set_percent(
+        E_INVALIDARG, external=speed, external_acceleration=rest[0], external_deceleration=rest[1]
+    )
 
 
 def _timed_pose(context: CallContext, pose_type: PoseType) -> Variant:
@@ -241,11 +241,9 @@ def _log_record(context: CallContext) -> Variant:
     others/Get_Syslog.py. Two assumptions are bcapscope's own: the record's counter is in ms, and the values
     for current and load come from the encoders' lag.
     """
-    index, machine = integer_of(context.parameter), context.machine
-    if not 0 <= index < len(machine.log.records):
-        raise RefusedError(RefusalCode.BAD_INDEX)
-    time, all_commanded, all_actual = machine.log.records[index]
-    values = []
+    machine, records, values = context.machine, context.machine.log.records, []
+    index = number_within(context.parameter, range(len(records)), RefusalCode.BAD_INDEX)
+    time, all_commanded, all_actual = records[index]
     for commanded, actual in zip(all_commanded, all_actual, strict=True):
         lag = commanded - actual
         values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]

@@ -90,7 +90,6 @@ class ClientHost:
 
     Attributes:
         dropped: Number of datagrams that were not a valid frame, or came from a client beyond the limit.
-        refused: Number of connections that were closed because of a bad frame or too many clients.
         evictable_after: If a UDP client sends no request for this time in ns, a new client may replace it.
         closes_on_bad_frame: Whether a bad frame ends the connection; if not, the host skips the frame.
     """
@@ -101,7 +100,6 @@ class ClientHost:
     def __init__(self, new_client: ClientFactory, report: Callable[[Peer, CallReport], None]) -> None:
         """Start without clients. `report` is called with the client and the call after each answered call."""
         self.dropped = 0
-        self.refused = 0
         self._new_client = new_client
         self._report = report
         self._templates = FrameTemplates()
@@ -129,7 +127,6 @@ class ClientHost:
         A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
         """
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
-            self.refused += 1
             return False
         self._add_client(peer, False, now)
         return True
@@ -147,7 +144,6 @@ class ClientHost:
             if not frame.problems:
                 outputs += self._on_request(peer, link.client, frame, now)
             elif self.closes_on_bad_frame:
-                self.refused += 1
                 self.on_disconnect(peer, now)
                 outputs.append(SimulatorOutput(peer, b""))
                 break

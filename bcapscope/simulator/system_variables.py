@@ -136,13 +136,9 @@ _SPEEDS: Mapping[str, str] = {
 
 
 def _put_speed(field: str) -> CallHandler:
-    def run(context: CallContext) -> None:
-        speed = float(number_of(context.parameter))
-        if not 0 < speed <= 100:
-            raise RefusedError(RefusalCode.NOT_WRITABLE)
-        setattr(context.machine.speeds, field, speed)
-
-    return run
+    return lambda context: context.machine.speeds.set_percent(
+        RefusalCode.NOT_WRITABLE, **{field: float(number_of(context.parameter))}
+    )
 
 
 _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {

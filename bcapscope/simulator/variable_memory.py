@@ -61,7 +61,8 @@ class VariableMemory:
         if letter.startswith("IO"):
             self._write_io(letter, index, value)
             return
-        check_index(letter, index, is_write=True)
+        if letter not in FRAMES:
+            check_index(letter, index)
         if letter == "S":
             _check_text(value)
         elif letter in _ROW_LENGTHS:
@@ -69,6 +70,7 @@ class VariableMemory:
         else:
             number = _number(value, letter)
             value = Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
+        check_index(letter, index, is_write=True)  # for a frame, the value is checked first
         self._values[letter, index] = value
 
     def _zero(self, letter: str) -> Variant:

@@ -25,7 +25,7 @@ from bcapscope.simulator.simulator import (
     Simulator,
     SimulatorOutput,
 )
-from bcapscope.simulator.variable_memory import VARIABLES_PER_LETTER
+from bcapscope.simulator.variable_memory import MAX_FRAMES, VARIABLES_PER_LETTER
 
 RAW, CALL, RETRY, WAIT, HANG_UP, BUTTON = range(6)
 """Kinds of steps: bytes as they are; a call; the last call again; time; end of a connection; the pendant."""
@@ -161,8 +161,7 @@ class Stage:
         assert len(machine.active_alarms) <= MAX_ACTIVE
         assert len(machine.log.records) <= MAX_RECORDS
         assert machine.slave.waiting <= 256
-        for table in (machine.memory._numbers, machine.memory._rows, machine.memory._texts):
-            assert len(table) <= 8 * VARIABLES_PER_LETTER
+        assert len(machine.memory._values) <= 8 * VARIABLES_PER_LETTER + 2 * MAX_FRAMES
         for conversation, splitter in simulator._links.values():
             assert isinstance(conversation, CallExecutor)
             self.check_client(conversation)

@@ -325,9 +325,7 @@ def test_force_control_needs_the_arm_and_a_number_from_1_to_10() -> None:
     operator.ready()
     assert operator.robot("ForceCtrl", ints(1, 11)).hresult == 0x80070057
     assert operator.robot("ForceCtrl", ints(1, 10)).hresult == 0
-    assert operator.simulation.machine.equipment.force_control == 10
-    operator.robot("Motor", ints(0, 0))
-    assert operator.simulation.machine.equipment.force_control is None
+    assert operator.robot("ForceCtrl", ints(0)).hresult == 0
 
 
 def test_areas_are_kept(operator: Operator) -> None:
