@@ -12,10 +12,9 @@ class AlikeSetPoints:
     """The current run of alike set points in one conversation.
 
     A set point belongs to a run if the client sent it once, the controller answered with S_OK, and request
-    and reply are undamaged. Successive requests in a run differ only in the serial, the reserved field and
-    the numbers in the arguments. Successive replies also differ only in these. All set points of a run
-    therefore have the same robot handle, command and value types. A run begins after an accepted set point.
-    The run ends with the first call that does not belong to it.
+    and reply are undamaged. Successive requests in a run, and successive replies, differ only in the serial,
+    the reserved field and the numbers in the arguments. A run begins after an accepted set point. It ends
+    with the first call that does not belong to it.
     """
 
     def __init__(self) -> None:

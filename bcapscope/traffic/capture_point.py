@@ -65,9 +65,8 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Learn from the time between the reply to a call and the client's next request.
-
-        Retried calls are ignored, because the client may have given up before the reply came.
+        """Learn from the time between the reply to a call and the client's next request. Retried calls are
+        ignored, because the client may have given up before the reply came.
         """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (

@@ -84,9 +84,8 @@ class ServiceSession:
 
 
 class HandleTracker:
-    """Tracks the object of each handle, from the completed calls of all clients. Each conversation has a
-    table of handles for each object class. Therefore a controller may use the same handle for objects of two
-    classes, or a different handle for every object.
+    """Tracks the object of each handle, from the completed calls of all clients. A controller may use the
+    same handle for objects of two classes.
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
@@ -153,7 +152,6 @@ class _ClientObjects:
     """The current session of one client.
 
     Attributes:
-        objects: Open objects by class and handle, in creation order.
         orphans: Open objects whose handles the client never received.
     """
 

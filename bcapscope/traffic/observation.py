@@ -54,7 +54,6 @@ class ServerEvidence(NamedTuple):
     """Evidence that shows which end of a conversation is the server.
 
     Attributes:
-        kind: Kind of the evidence.
         code: The result code for `RESULT`, the function id for `CALL`, otherwise 0.
     """
 

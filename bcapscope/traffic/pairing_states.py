@@ -57,8 +57,7 @@ class Transition(NamedTuple):
 
     Attributes:
         role: Role of the event's frame in the call; None if the event has no frame.
-        reply_becomes: New role of the reply that the call had before the event; None if that reply keeps its
-            role.
+        reply_becomes: New role of the reply that the call had before the event; None if unchanged.
     """
 
     state: CallState

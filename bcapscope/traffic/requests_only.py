@@ -21,9 +21,6 @@ class RequestsOnlyEvidence:
 
     A client that uses a handle has received the reply with this handle. A client that makes several calls in
     quick succession without a retry has also received replies.
-
-    Attributes:
-        is_proven: Whether the requests show that the controller answered.
     """
 
     def __init__(self) -> None:

@@ -96,9 +96,7 @@ class SlaveModeChange:
     """A change of a client's slave mode, and the call that made the change.
 
     Attributes:
-        effect: How the call changed slave mode.
-        mode: Number of the slave mode after the call, 0 for off; None if the call's arguments do not show the
-            mode.
+        mode: Number of the slave mode after the call, 0 for off; None if the call's arguments do not show it.
     """
 
     call: Call

@@ -7,11 +7,7 @@ DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
 
 
 class ByteBudget:
-    """Counts the bytes that several buffers hold.
-
-    Attributes:
-        held: Number of bytes that the buffers hold now.
-    """
+    """Counts the bytes that several buffers hold together (`held`)."""
 
     def __init__(self, limit: int = DEFAULT_BYTE_BUDGET) -> None:
         self.limit = limit

@@ -63,15 +63,13 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """Holds the parts that similar frames share. These parts come from one valid frame that was decoded in
-    full.
+    """Holds the parts that similar frames share. They come from one valid frame that was decoded in full.
 
     A frame that differs from the learnt frame only in the serial, the reserved field and the numbers is valid
     too: its length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the learnt frame; their numbers are only placeholders.
-        size: Size in bytes of every frame that matches the template.
         spans: Positions of the numbers that may differ between frames.
         mask: For each byte of a frame, 0 if it may differ between frames, otherwise 255.
         fixed_parts: Function that returns the bytes of a frame that must be the same in all frames.

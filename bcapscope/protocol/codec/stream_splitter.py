@@ -50,13 +50,12 @@ _TAILS = (1, 2, 3)
 
 
 class StreamPiece(NamedTuple):
-    """A frame of a byte stream, or bytes between frames, with its position in the stream.
+    """A frame of a byte stream, or bytes between frames.
 
     Attributes:
         start: Offset of the piece's first byte in the stream. Offsets include the missing bytes of the
             stream.
-        stop: Offset in the stream after the piece's last byte.
-        item: The frame, or bytes that are not a frame.
+        stop: Offset after the piece's last byte.
     """
 
     start: int

@@ -53,8 +53,6 @@ class FrameField:
     """A range of a frame's bytes, with its name and meaning.
 
     Attributes:
-        name: Name of the header field, argument or element.
-        start: Offset of the field's first byte.
         stop: Offset after the field's last byte; equal to `start` if the frame lacks the field.
         value: Value of the field; None if the field has no value or its value is unreadable.
         vt: VARIANT type of `value`; None for numbers of the header.

@@ -29,10 +29,9 @@ from bcapscope.protocol.tables.table_text import table_message
 
 
 class ValueLabel(NamedTuple):
-    """Name and meaning of a value in an argument or a result.
+    """Name and meaning of a value in an argument or a result, such as `J1` or `hand I/O`.
 
     Attributes:
-        name: Name of the value, such as `J1` or `hand I/O`.
         unit: Unit of the value: `mm`, `deg`, or empty.
         text: One clause that explains the value; may be empty.
         elements: Labels of the value's first elements, in order; () if unknown.

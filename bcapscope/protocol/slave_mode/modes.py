@@ -56,9 +56,7 @@ class SlaveMode:
 
     Attributes:
         value: Number of the mode in slvChangeMode, 0x000..0x203.
-        generation: Generation of controllers to which the mode belongs.
         pose_type: Pose type of the set points in this mode; None for off.
-        kind: How the controller buffers set points and when it replies to slvMove.
         buffer_slots: Number of set points that the controller buffers.
         overwrites_waiting: Whether a new set point replaces the set point that waits in the buffer.
         paces_client: Whether the controller sets the pace by replying to slvMove only when the buffer has
@@ -67,7 +65,6 @@ class SlaveMode:
             None if a setting on the pendant decides this.
         overflow_is_error: Whether the controller warns with S_BUF_FULL, and refuses further set points with
             83201483.
-        text: Description of the mode in English.
     """
 
     value: int

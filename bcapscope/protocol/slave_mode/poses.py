@@ -22,10 +22,7 @@ FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 
 
 class Axis(NamedTuple):
-    """Name and unit of one number of a pose.
-
-    The unit is `mm`, `deg`, or empty; Fig and direction cosines have no unit.
-    """
+    """Name of one number of a pose, and its unit: `mm`, `deg`, or empty for Fig and direction cosines."""
 
     name: str
     unit: str
@@ -107,10 +104,7 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
 
 
 def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[Message, ...]]:
-    """Return a pose with these values, and the problems of the pose.
-
-    Without `pose_type`, guess the pose type from the number of values.
-    """
+    """Return a pose, and its problems. Without `pose_type`, guess the pose type from the number of values."""
     type_ = pose_type or guess_pose_type(values)
     guessed = pose_type is None
     if type_ is None:

@@ -105,8 +105,7 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. If the parameter has an unexpected form, return the elements that fit, and
-    problems.
+    """Decode slvMove's parameter. From an unexpected form, return the elements that fit, and problems.
 
     `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
     None if its call was not captured.
@@ -134,8 +133,7 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If the result has an unexpected form, return the elements that fit, and
-    problems.
+    """Decode slvMove's result. From an unexpected form, return the elements that fit, and problems.
 
     A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
     numbers counts as a pose of the slave mode's `pose_type`.

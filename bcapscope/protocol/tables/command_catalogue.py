@@ -37,8 +37,6 @@ class CommandSpec:
         elements: Meaning of the parameter or of its elements in order; empty if unknown.
         result_types: Possible types of the result; `none` if the reply has no argument; () if unknown.
         returns: Meaning of the result; empty if unknown.
-        text: One clause that says what the command does.
-        effect: Strongest effect that the command can have.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
         controllers: Controllers, providers or objects that have the command; empty if unknown.
     """

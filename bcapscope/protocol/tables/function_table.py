@@ -69,7 +69,6 @@ class Function:
         owner: Class of the object to which the handle in the first argument must refer.
         params: Arguments of the request in order, the handle first. Clients always send optional strings; a
             string without a value is empty.
-        result: Kind of result in a successful reply.
         result_name: The vendor's name of the result, such as `hRobot` or `pVal`; None if there is no result.
         creates: Class of the object that a successful call opens; None if the call opens no object. The
             object that Service_Start opens has no handle.

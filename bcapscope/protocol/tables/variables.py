@@ -20,11 +20,9 @@ class VariableKind:
     """A variable, or a family of numbered variables such as `I0`, `I1` and so on.
 
     Attributes:
-        owner: Class of the object that has the variable.
         name: DENSO's name of the variable; for a family, without the number.
         is_numbered: Whether clients append a number or `*` to the name.
         types: Possible types of the value, such as `VT_R4|VT_ARRAY`; () if no source says.
-        text: One clause that says what the value means.
     """
 
     owner: ObjectClass

@@ -25,7 +25,6 @@ UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10*
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
-_LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
 _EARLIEST_TIME = 100_000_000 * 10**9
 """Smallest plausible capture time in ns since 1970, in 1973. A smaller number is probably a mistake."""
 
@@ -145,7 +144,7 @@ def check_literal(compared: ComparedField, token: Token) -> None:
     """
     if token.kind is TokenKind.END:
         compared.fail_at(token, Message("filter.no-operand", name=compared.name))
-    if token.kind not in _LITERALS:
+    if token.kind is TokenKind.SIGN:
         compared.fail_at(token, Message("filter.no-value", text=f"{token.text!r}"))
     if token.is_word(*_RESERVED):
         compared.fail_at(token, Message("filter.reserved", text=f"{token.text!r}"))
