@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 from rich.style import Style
-from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
@@ -113,17 +112,7 @@ class BcapApp(KeyOrderApp):
 
     def _select_theme(self, name: str) -> None:
         names = [theme.name for theme in THEMES]
-        name = name if name in names else names[0]
-        if self.is_running:
-            self.theme = name
-            return
-        # Assigning `theme` would make Textual read all styles again, although nothing has been drawn yet.
-        self.set_reactive(App.theme, name)
-        is_dark = self.current_theme.dark
-        self.set_class(is_dark, "-dark-mode", update=False)
-        self.set_class(not is_dark, "-light-mode", update=False)
-        self.stylesheet.set_variables(self.get_css_variables())
-        self.watch_theme()
+        self.theme = name if name in names else names[0]
 
     def watch_theme(self) -> None:
         inks = theme_styles(self.current_theme)
