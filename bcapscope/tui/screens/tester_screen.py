@@ -50,12 +50,11 @@ from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
-from bcapscope.tui.tester.call_runner import CallNotice, CallWanted, function_step, repeating_step, run_armed
+from bcapscope.tui.tester.call_steps import CallNotice, CallWanted, function_step, repeating_step, run_armed
 from bcapscope.tui.tester.connection_panel import ConnectionPanel, ConnectWanted, arming_facts, status_pieces
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
-from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.form_tabs import TABS, FormTabs, OpenObjectRow
 from bcapscope.tui.tester.form_widgets import Box, ChoiceRow
-from bcapscope.tui.tester.object_panels import OpenObjectRow
 from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 from bcapscope.tui.tester.result_view import ResultView
 

@@ -23,7 +23,7 @@ from bcapscope.render.result_advice import result_advice
 from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
-from bcapscope.tui.tester.call_runner import run_armed
+from bcapscope.tui.tester.call_steps import run_armed
 from bcapscope.tui.tester.form_widgets import Caption, FormButton
 from bcapscope.tui.widgets.text_widgets import InkedText
 
