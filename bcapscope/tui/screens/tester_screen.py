@@ -136,7 +136,6 @@ class TesterScreen(BaseScreen):
         app.add_halt_callback(self.session.halt)
         app.add_closer(self._close)
         self.set_interval(1.0, self._show_status)
-        self.watch(app, "theme", self._show_status, init=False)
         self._show_status()
         self.query_one("#connect", Button).focus()
         if not self._options.host:
