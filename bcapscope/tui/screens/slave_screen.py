@@ -130,9 +130,6 @@ class SlaveScreen(BaseScreen):
     @on(Input.Changed)
     @on(Select.Changed)
     @on(TickBox.Changed)
-    def _field_changed(self) -> None:
-        self._schedule_check()
-
     def _schedule_check(self) -> None:
         self._prepared = None
         self.query_one("#start", Button).disabled = True

@@ -216,21 +216,17 @@ class TesterScreen(BaseScreen):
 
     @on(ConnectWanted)
     def _connect_wanted(self, message: ConnectWanted) -> None:
-        own, wanted = self._simulator, (message.host, message.port)
-        if own is not None and wanted == (own.host, own.port) and own.process.poll() is not None:
-            self.run_worker(self._reconnect_simulator(), group="connect")
-        else:
-            self.run_worker(self._connect_controller(message), group="connect")
-
-    async def _reconnect_simulator(self) -> None:
-        """Start the built-in simulator again after it has ended, and connect to it."""
-        await self._start_simulator()
-        wanted = self.query_one(ConnectionPanel).wanted_connection()
-        if isinstance(wanted, ConnectWanted):
-            await self._connect_controller(wanted)
+        self.run_worker(self._connect_controller(message), group="connect")
 
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        panel = self.query_one(ConnectionPanel)
+        """Connect to a controller. If it is the built-in simulator and has ended, start it again first."""
+        panel, own = self.query_one(ConnectionPanel), self._simulator
+        if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
+            await self._start_simulator()
+            renewed = panel.wanted_connection()
+            if isinstance(renewed, str):
+                return
+            wanted = renewed
         target, providers = read_option_field(wanted.option, wanted.host, wanted.port, wanted.tcp)
         opener = self.query_one("#add-robot OpenObjectRow", OpenObjectRow)
         panel.clear_steps()
