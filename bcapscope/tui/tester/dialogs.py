@@ -53,9 +53,6 @@ class ChoiceDialog(ModalScreen[str | None]):
                 for at, choice in enumerate(self._choices):
                     yield FormButton(f"{self.LABELS}.{choice}", "error" if at else "default", id=choice)
 
-    def on_mount(self) -> None:
-        self.query_one(f"#{self._choices[0]}").focus()
-
     @on(Button.Pressed)
     def _answer(self, message: Button.Pressed) -> None:
         self.dismiss(message.button.id)
@@ -71,7 +68,6 @@ class ArmDialog(ChoiceDialog):
         super().__init__([*facts, "", label("tester.arm.warning")], ("no", "yes"))
 
     def on_mount(self) -> None:
-        super().on_mount()
         self.query_one(".dialog").border_title = label("tester.arm.title")
 
 
