@@ -123,7 +123,6 @@ class SlaveScreen(BaseScreen):
 
     def on_mount(self) -> None:
         self._schedule_check()
-        self.query_one("#file", Input).focus()
 
     # Before: read and check.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Sequence
 from typing import ClassVar
 
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -112,8 +112,9 @@ class RecoveryDialog(ModalScreen[None]):
         """Read the controller's errors at once, before a later step clears them."""
         self.query_one("#do-clear").focus()
         self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
-        self.run_worker(self._read_errors(), group="recovery")
+        self._read_errors()
 
+    @work(group="recovery")
     async def _read_errors(self) -> None:
         try:
             errors = await self._session.run_in_loop(read_current_errors(self._session))
@@ -128,11 +129,9 @@ class RecoveryDialog(ModalScreen[None]):
         self.query_one("#errors", InkedText).show_text("\n".join(lines))
 
     @on(Button.Pressed)
-    def _step_pressed(self, message: Button.Pressed) -> None:
-        which = RecoveryStep((message.button.id or "").removeprefix("do-"))
-        self.run_worker(self._run_step(which), group="recovery")
-
-    async def _run_step(self, step_wanted: RecoveryStep) -> None:
+    @work(group="recovery")
+    async def _run_step(self, message: Button.Pressed) -> None:
+        step_wanted = RecoveryStep((message.button.id or "").removeprefix("do-"))
         first, text = self.query_one("#first", Input).value, self.query_one("#mode", Input).value
         mode = parse_integer(text, -(1 << 31), (1 << 31) - 1)
         if mode is None:
