@@ -56,7 +56,7 @@ def default_settings_path() -> Path:
 
 
 def read_settings(path: Path) -> tuple[Settings, Message | None]:
-    """Return the settings, or the default settings and the reason why the file cannot be read."""
+    """Return the settings and None, or default settings and the reason why the file is unreadable."""
     try:
         return read_document(path.read_text(encoding="utf-8"), Settings), None
     except FileNotFoundError:

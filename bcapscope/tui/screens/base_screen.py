@@ -48,9 +48,6 @@ class HelpScreen(ModalScreen[None]):
             page.border_subtitle = label("shell.close.hint")
             yield Static(Group(*self._parts()), id="help-text")
 
-    def on_mount(self) -> None:
-        self.query_one("#help").focus()
-
     def _parts(self) -> Iterator[RenderableType]:
         inks = app_of(self).text_styles
         for paragraph in self._text.split("\n"):
@@ -243,7 +240,9 @@ class ViewsScreen(BaseScreen):
 class Prompt(ModalScreen[str | None]):
     """Asks the user for a text. The dialog returns the typed text, or None if the user cancels."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "prompt.cancel", key_display="esc")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "prompt.cancel", key_display="esc")
+    ]
 
     def __init__(self, title: str, hint: str, value: str = "") -> None:
         super().__init__()
@@ -260,6 +259,3 @@ class Prompt(ModalScreen[str | None]):
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.dismiss(event.value)
-
-    def action_cancel(self) -> None:
-        self.dismiss(None)

@@ -12,7 +12,6 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
-from textual.events import Resize
 from textual.widgets import ContentSwitcher
 
 from bcapscope.errors import BcapError
@@ -268,9 +267,6 @@ class ProxyScreen(ViewsScreen):
         first = next(iter(parse_datagram(data)), None)
         frame = Observation(held.number, 0, 0, held.flow, first, 0) if first is not None else None
         self.query_one(PacketView).show_packet(frame, held.call_kind)
-
-    def on_resize(self, event: Resize) -> None:
-        self.query_one("#message").styles.height = max(9, min(30, event.size.height // 2))
 
     @on(Lines.Moved)
     def _cursor_moved(self, message: Lines.Moved) -> None:

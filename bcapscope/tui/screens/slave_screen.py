@@ -123,16 +123,12 @@ class SlaveScreen(BaseScreen):
 
     def on_mount(self) -> None:
         self._schedule_check()
-        self.query_one("#file", Input).focus()
 
     # Before: read and check.
 
     @on(Input.Changed)
     @on(Select.Changed)
     @on(TickBox.Changed)
-    def _field_changed(self) -> None:
-        self._schedule_check()
-
     def _schedule_check(self) -> None:
         self._prepared = None
         self.query_one("#start", Button).disabled = True

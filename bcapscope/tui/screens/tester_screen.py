@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
@@ -50,12 +50,11 @@ from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
-from bcapscope.tui.tester.call_runner import CallNotice, CallWanted, function_step, repeating_step, run_armed
+from bcapscope.tui.tester.call_steps import CallNotice, CallWanted, function_step, repeating_step, run_armed
 from bcapscope.tui.tester.connection_panel import ConnectionPanel, ConnectWanted, arming_facts, status_pieces
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
-from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.form_tabs import TABS, FormTabs, OpenObjectRow
 from bcapscope.tui.tester.form_widgets import Box, ChoiceRow
-from bcapscope.tui.tester.object_panels import OpenObjectRow
 from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 from bcapscope.tui.tester.result_view import ResultView
 
@@ -137,7 +136,6 @@ class TesterScreen(BaseScreen):
         app.add_halt_callback(self.session.halt)
         app.add_closer(self._close)
         self.set_interval(1.0, self._show_status)
-        self.watch(app, "theme", self._show_status, init=False)
         self._show_status()
         self.query_one("#connect", Button).focus()
         if not self._options.host:
@@ -217,22 +215,16 @@ class TesterScreen(BaseScreen):
     # Requests of the widgets.
 
     @on(ConnectWanted)
-    def _connect_wanted(self, message: ConnectWanted) -> None:
-        own, wanted = self._simulator, (message.host, message.port)
-        if own is not None and wanted == (own.host, own.port) and own.process.poll() is not None:
-            self.run_worker(self._reconnect_simulator(), group="connect")
-        else:
-            self.run_worker(self._connect_controller(message), group="connect")
-
-    async def _reconnect_simulator(self) -> None:
-        """Start the built-in simulator again after it has ended, and connect to it."""
-        await self._start_simulator()
-        wanted = self.query_one(ConnectionPanel).wanted_connection()
-        if isinstance(wanted, ConnectWanted):
-            await self._connect_controller(wanted)
-
+    @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        panel = self.query_one(ConnectionPanel)
+        """Connect to a controller. If it is the built-in simulator and has ended, start it again first."""
+        panel, own = self.query_one(ConnectionPanel), self._simulator
+        if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
+            await self._start_simulator()
+            renewed = panel.wanted_connection()
+            if isinstance(renewed, str):
+                return
+            wanted = renewed
         target, providers = read_option_field(wanted.option, wanted.host, wanted.port, wanted.tcp)
         opener = self.query_one("#add-robot OpenObjectRow", OpenObjectRow)
         panel.clear_steps()
@@ -263,18 +255,14 @@ class TesterScreen(BaseScreen):
         self.refresh_bindings()
 
     @on(Button.Pressed, "#disconnect")
-    def action_disconnect(self) -> None:
+    @work(group="disconnect")
+    async def action_disconnect(self) -> None:
         self.action_cancel()
-        self.run_worker(self._disconnect_controller(), group="disconnect")
-
-    async def _disconnect_controller(self) -> None:
         await self.session.run_in_loop(self.session.disconnect())
         self.query_one(ConnectionPanel).show_status(self.session.status)
 
     @on(CallWanted)
-    def _start_calls(self, wanted: CallWanted) -> None:
-        self.run_worker(self._make_calls(wanted), group="call")
-
+    @work(group="call")
     async def _make_calls(self, wanted: CallWanted) -> None:
         """Run a step, and show its outcome. If the step needs arming, ask the user to arm first."""
         display = wanted.result_display
@@ -292,10 +280,10 @@ class TesterScreen(BaseScreen):
             wanted.done()
 
     @on(WatchList.ChangeWanted)
-    def _change_watched(self, message: WatchList.ChangeWanted) -> None:
+    @work(group="watch")
+    async def _change_watched(self, message: WatchList.ChangeWanted) -> None:
         self.query_one(PacketPane).show_view("watch")
-        change = message.change(self.variable_watcher)
-        self.run_worker(self.session.run_in_loop(change), group="watch")
+        await self.session.run_in_loop(message.change(self.variable_watcher))
 
     @on(SavedList.RequestWanted)
     async def _use_saved_request(self, message: SavedList.RequestWanted) -> None:
@@ -303,13 +291,13 @@ class TesterScreen(BaseScreen):
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
             step = function_step(saved.function, saved.values)
-            self._start_calls(CallWanted(form.query_one(ResultView), step))
+            self._make_calls(CallWanted(form.query_one(ResultView), step))
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
         record = message.record
         if message.what == "again":
-            self._start_calls(CallWanted(CallNotice(app_of(self)), repeating_step(record)))
+            self._make_calls(CallWanted(CallNotice(app_of(self)), repeating_step(record)))
         elif message.what == "edit":
             await self.query_one(FormTabs).edit_call(record)
         else:
@@ -335,7 +323,7 @@ class TesterScreen(BaseScreen):
         self.query_one(ConnectionPanel).request_connect()
 
     def action_robslave(self) -> None:
-        self._start_calls(CallWanted(CallNotice(app_of(self)), start_robslave))
+        self._make_calls(CallWanted(CallNotice(app_of(self)), start_robslave))
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:

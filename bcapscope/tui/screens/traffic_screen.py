@@ -58,15 +58,11 @@ class TrafficScreen(TrafficViews):
         Binding("S", "stop", "traffic.stop", show=False),
     ]
 
-    def _set_feed(self, feed: TrafficFeed, title: str) -> None:
-        super()._set_feed(feed, title)
-        self._evidence_frames: list[int] = []
-
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
-            return bool(self._evidence_frames)
+            return bool(self.frames.evidence)
         going_on = self.feed.is_live and not self.feed.progress.ended
         if action in ("stop", "open"):
             return going_on == (action == "stop")
@@ -155,11 +151,10 @@ class TrafficScreen(TrafficViews):
             number = message.lines.current_finding()
             frames = () if number is None else self.analysis.findings[number - 1].frames
             if frames:
-                self._evidence_frames = list(frames)
-                self.refresh_bindings()
-                self.frames.evidence = frozenset(self._evidence_frames)
+                self.frames.evidence = dict.fromkeys(frames)
                 self.frames.repaint()
-                self.go_to_frame(self._evidence_frames[0])
+                self.refresh_bindings()
+                self.go_to_frame(frames[0])
         elif message.lines is self.frames:
             self.set_focus(self.query_one("#fields"))
         elif message.lines is self.calls:
@@ -168,7 +163,7 @@ class TrafficScreen(TrafficViews):
                 self.go_to_frame(number)
 
     def action_proof(self, by: int) -> None:
-        number, frames = self.frame_number, self._evidence_frames[::by]
+        number, frames = self.frame_number, list(self.frames.evidence)[::by]
         beyond = (each for each in frames if number is None or (each - number) * by > 0)
         self.go_to_frame(next(beyond, frames[0]))
 

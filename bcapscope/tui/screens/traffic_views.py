@@ -12,7 +12,6 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Vertical
-from textual.events import Resize
 from textual.widgets import ContentSwitcher, Static
 
 from bcapscope.render.escape import printable
@@ -251,9 +250,6 @@ class TrafficViews(ViewsScreen):
         self.frames.show_related(frame_relations.call_frames(settled))
         about = frame_relations.frame_description(frame, settled, self.frames.marks.get(number))
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
-
-    def on_resize(self, event: Resize) -> None:
-        self.query_one("#detail").styles.height = max(8, min(26, event.size.height * 2 // 5))
 
     # views and filter
 

@@ -21,7 +21,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param,
 from bcapscope.render.value_text import untyped_text
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label, reader_words, table_text
-from bcapscope.tui.tester.call_runner import CallWanted, function_step
+from bcapscope.tui.tester.call_steps import CallWanted, function_step
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import command_picker
 from bcapscope.tui.tester.result_view import ResultView

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Sequence
 from typing import ClassVar
 
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -23,7 +23,7 @@ from bcapscope.render.result_advice import result_advice
 from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
-from bcapscope.tui.tester.call_runner import run_armed
+from bcapscope.tui.tester.call_steps import run_armed
 from bcapscope.tui.tester.form_widgets import Caption, FormButton
 from bcapscope.tui.widgets.text_widgets import InkedText
 
@@ -53,9 +53,6 @@ class ChoiceDialog(ModalScreen[str | None]):
                 for at, choice in enumerate(self._choices):
                     yield FormButton(f"{self.LABELS}.{choice}", "error" if at else "default", id=choice)
 
-    def on_mount(self) -> None:
-        self.query_one(f"#{self._choices[0]}").focus()
-
     @on(Button.Pressed)
     def _answer(self, message: Button.Pressed) -> None:
         self.dismiss(message.button.id)
@@ -71,7 +68,6 @@ class ArmDialog(ChoiceDialog):
         super().__init__([*facts, "", label("tester.arm.warning")], ("no", "yes"))
 
     def on_mount(self) -> None:
-        super().on_mount()
         self.query_one(".dialog").border_title = label("tester.arm.title")
 
 
@@ -116,8 +112,9 @@ class RecoveryDialog(ModalScreen[None]):
         """Read the controller's errors at once, before a later step clears them."""
         self.query_one("#do-clear").focus()
         self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
-        self.run_worker(self._read_errors(), group="recovery")
+        self._read_errors()
 
+    @work(group="recovery")
     async def _read_errors(self) -> None:
         try:
             errors = await self._session.run_in_loop(read_current_errors(self._session))
@@ -132,11 +129,9 @@ class RecoveryDialog(ModalScreen[None]):
         self.query_one("#errors", InkedText).show_text("\n".join(lines))
 
     @on(Button.Pressed)
-    def _step_pressed(self, message: Button.Pressed) -> None:
-        which = RecoveryStep((message.button.id or "").removeprefix("do-"))
-        self.run_worker(self._run_step(which), group="recovery")
-
-    async def _run_step(self, step_wanted: RecoveryStep) -> None:
+    @work(group="recovery")
+    async def _run_step(self, message: Button.Pressed) -> None:
+        step_wanted = RecoveryStep((message.button.id or "").removeprefix("do-"))
         first, text = self.query_one("#first", Input).value, self.query_one("#mode", Input).value
         mode = parse_integer(text, -(1 << 31), (1 << 31) - 1)
         if mode is None:

@@ -30,7 +30,7 @@ class ListPicker(ModalScreen[str | None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
-        Binding("down", "down", "", show=False),
+        Binding("down", "app.focus_next", "", show=False),
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
@@ -49,9 +49,6 @@ class ListPicker(ModalScreen[str | None]):
 
     def on_mount(self) -> None:
         self._show_matching("")
-
-    def action_down(self) -> None:
-        self.query_one(OptionList).focus()
 
     @on(Input.Changed)
     def _narrow(self, message: Input.Changed) -> None:

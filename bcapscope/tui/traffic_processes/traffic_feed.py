@@ -35,7 +35,7 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A report why the source may send no more traffic; "" if the problem is over."""
+    """Says why the source may send no more traffic; `reason` is "" if the problem is over."""
 
     reason: str
 

@@ -126,7 +126,7 @@ class FrameList(RecordList[ObservationStore]):
         marks: Maps the number of a frame that the user marked to the user's note; "" for a mark without a
             note.
         related: Numbers of the frames of the call under the cursor.
-        evidence: Numbers of the frames that prove the selected finding.
+        evidence: Numbers of the frames that prove the selected finding, in the order of the finding.
     """
 
     def __init__(self, *, id: str | None = None) -> None:

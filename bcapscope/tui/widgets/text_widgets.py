@@ -40,7 +40,7 @@ class InkedText(Static):
 
 
 class CheckedInput(Vertical):
-    """An input line that checks its text while the user types. Only valid text posts messages."""
+    """An input line that checks its text while the user types. It posts messages only for valid text."""
 
     @dataclass
     class Typed(Message):
