@@ -78,6 +78,15 @@ def od_decimal_offsets(data: bytes) -> str:
     return "\n".join([*lines, f"{len(data):07d}"])
 
 
+def od_words(data: bytes) -> str:
+    """Print as od without options: octal words of the machine."""
+    lines = []
+    for start, row in rows(data):
+        words = struct.unpack(f"<{(len(row) + 1) // 2}H", row + bytes(len(row) % 2))
+        lines.append(f"{start:07o} " + " ".join(f"{word:06o}" for word in words))
+    return "\n".join([*lines, f"{len(data):07o}"])
+
+
 def hexdump_words(data: bytes) -> str:
     """Print as hexdump without options: words of the machine."""
     lines = []
@@ -144,6 +153,7 @@ FORMS: tuple[Callable[[bytes], str], ...] = (
     xxd_plain,
     od_octal_offsets,
     od_decimal_offsets,
+    od_words,
     hexdump_words,
     wireshark_dump,
     wireshark_bare_dump,

@@ -154,6 +154,9 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
+        """Convert the text `offset` to a byte position in the block. Return None if the text is not a number
+        in `base`.
+        """
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:

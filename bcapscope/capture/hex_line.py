@@ -7,7 +7,6 @@ string. A line may have an offset on the left, the bytes as characters on the ri
 
 from __future__ import annotations
 
-import html
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -46,6 +45,7 @@ class HexDigits(msgspec.Struct, frozen=True):
         is_hex_only: Whether the line holds only bytes, an offset and the bytes as characters.
         has_hex_notation: Whether the bytes have a notation that is used only for hex: an offset, 0x or a
             backslash.
+        starts_line: Whether nothing precedes the bytes in the line.
         ends_line: Whether nothing follows the bytes in the line.
     """
 
@@ -54,6 +54,7 @@ class HexDigits(msgspec.Struct, frozen=True):
     indent: int
     is_hex_only: bool
     has_hex_notation: bool
+    starts_line: bool
     ends_line: bool
 
 
@@ -84,6 +85,7 @@ _NOISE = re.compile(r"</?[A-Za-z][^<>]{0,80}>|/\*.{0,200}?\*/|\(byte\)|^\s*(?:>\
 line.
 """
 
+_ENTITIES = (("&nbsp;", " "), ("&lt;", "<"), ("&gt;", ">"))
 _TOKEN = re.compile(r"[^\s,;|{}()\[\]\"'`\u201c\u201d\u2018\u2019]+")
 _PAIR, _CHAIN, _GROUP, _ROW, _ESCAPED, _WORD = "pair", "chain", "group", "row", "escaped", "word"
 _KINDS = (
@@ -107,6 +109,7 @@ _MACHINE_OFFSETS = (6, 7)
 the machine's byte order.
 """
 
+_OCTAL_WORD = re.compile(r"[01][0-7]{5}")
 _LONE_NUMBER = re.compile(r"\s*([0-9A-Fa-f]{4,8})\s*")
 _LITERAL = re.compile(r"b?\"((?:\\.|[^\"\\])*)\"?|b?'((?:\\.|[^'\\])*)'?|((?:\\x[0-9A-Fa-f]{2}\s?)+)")
 _ESCAPE = re.compile(r"\\x([0-9A-Fa-f]{2})|\\([0-7]{1,3})|\\(.)|(.)", re.DOTALL)
@@ -118,7 +121,10 @@ _WORDS = re.compile(r"[^\W\d_]|[<>\u2190-\u21ff]")
 
 def parse_line(line: str) -> list[LinePiece]:
     """Split a line into hex and prose; [] for an empty line. Never raises."""
-    line = _NOISE.sub(" ", unicodedata.normalize("NFKC", html.unescape(line)))
+    line = unicodedata.normalize("NFKC", line)
+    for entity, character in _ENTITIES:
+        line = line.replace(entity, character)
+    line = _NOISE.sub(" ", line)
     if line.strip() == "*":
         return [RepeatMark()]
     lone = _LONE_NUMBER.fullmatch(line)
@@ -133,7 +139,9 @@ def parse_line(line: str) -> list[LinePiece]:
 
 
 def _leading_offset(line: str) -> tuple[str, int]:
-    """Return a leading offset and the column after it; "" and 0 if the line has no offset."""
+    """Return the offset at the start of a line, and the column after the offset; "" and 0 if the line has no
+    offset.
+    """
     match = _OFFSET.match(line)
     following = _TOKEN.search(line, match.end()) if match else None
     if match is None or following is None:
@@ -148,16 +156,22 @@ def _leading_offset(line: str) -> tuple[str, int]:
 
 
 def _dump_row(line: str, start: int) -> list[_Run]:
-    """Return the bytes in a line of a dump. The rest of the line shows the bytes as characters."""
+    """Return the bytes in a line of a dump, where the line begins with an offset.
+
+    The rest of the line shows the bytes as characters.
+    """
     runs = list(_hex_runs(line, start))[:1]
     if not runs or ":" in line[:start] or runs[0].kind not in (_GROUP, _ROW):
         return runs
     words = [word for word in _TOKEN.findall(line, start) if _classify_word(word)[0] in (_GROUP, _ROW)]
+    if all(map(_OCTAL_WORD.fullmatch, words)):
+        words = [f"{int(word, 8):04x}" for word in words]
     digits = "".join(bytes.fromhex(word)[::-1].hex() for word in words if len(word) % 2 == 0)
     return [runs[0]._replace(digits=digits)]
 
 
 def _hex_runs(line: str, start: int) -> Iterator[_Run]:
+    """Yield each run of consecutive tokens that may be hex. Each run is as long as possible."""
     group: list[_Run] = []
     for token in _tokens(line, start):
         if group and token.kind not in _JOINABLE[group[0].kind]:
@@ -186,7 +200,9 @@ def _classify_word(word: str) -> tuple[str, str]:
 
 
 def _make_run(line: str, group: Sequence[_Run]) -> _Run:
-    """Join tokens to a run, without the characters at the right end of a line of a dump."""
+    """Join tokens to a run. If a dump's line shows its bytes as characters at the right end, leave these
+    characters out.
+    """
     for index in range(1, len(group) + 1 if len(line) <= LONGEST_ROW else 0):
         stop = group[index].start if index < len(group) else len(line)
         between = line[group[index - 1].stop : stop]
@@ -216,6 +232,7 @@ def _are_characters(digits: str, text: str) -> bool:
 
 
 def _literals(line: str) -> Iterator[_Run]:
+    """Yield the bytes of each string literal in a line, if the literal contains byte escapes."""
     for match in _LITERAL.finditer(line):
         if "\\x" in match[0]:
             values = [
@@ -232,21 +249,28 @@ def _escape_value(digits: str, octal: str, named: str, plain: str) -> int:
 
 
 def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[LinePiece]:
-    starts, stops = [run.start for run in runs], [run.stop for run in runs]
-    outside = "".join(line[a:b] for a, b in zip([start, *stops], [*starts, len(line)], strict=True))
+    outside = "".join(line[a:b] for a, b in _outside_runs(runs, start, len(line)))
     alone = not _WORDS.search(outside) and not any(map(str.isdigit, outside))
     indent = len(line) - len(line.lstrip())
     pos = start
     for index, run in enumerate(runs):
+        starts_line = index == 0 and not line[start : run.start].strip()
         ends_line = index == len(runs) - 1 and not line[run.stop :].strip()
         is_sure = len(run.digits) >= 2 * MIN_HEX_BYTES or alone or offset or run.kind == _ESCAPED
-        if not (is_sure or (run.kind == _PAIR and ends_line)):
+        if not (is_sure or (run.kind == _PAIR and (starts_line or ends_line))):
             continue
         yield from _prose(line[pos : run.start])
         marked = bool(offset or _MARK.search(line, run.start, run.stop))
-        yield HexDigits(run.digits, offset, indent, alone, marked, ends_line)
+        yield HexDigits(run.digits, offset, indent, alone, marked, starts_line, ends_line)
         pos = run.stop
     yield from _prose(line[pos:])
+
+
+def _outside_runs(runs: list[_Run], start: int, stop: int) -> Iterator[tuple[int, int]]:
+    for run in runs:
+        yield start, run.start
+        start = run.stop
+    yield start, stop
 
 
 def _prose(text: str) -> Iterator[ProseText]:

@@ -36,6 +36,11 @@ LARGEST_LIKELY = 64 * 1024
 of real sessions have less than 10 KiB.
 """
 
+_LONGEST_COMPLETED = 1024
+"""A few bytes beside words may be added to a block only if the block has at most this many bytes. UDP frames
+have at most 503 bytes (orin_bcap dn_udp.h).
+"""
+
 LONGEST_CAPTION = 120
 """At most this many characters of a caption are kept."""
 
@@ -102,6 +107,7 @@ def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
 
 
 def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
+    """Yield the blocks of hex in a text, including blocks that do not hold b-CAP."""
     reader = _BlockReader()
     for number, line in enumerate(lines, 1):
         reader.add_line(number, parse_line(line))
@@ -112,7 +118,11 @@ def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
 
 
 class _BlockReader:
-    """Assembles blocks from the hex in successive lines. The next lines may continue the block `last`."""
+    """Assembles blocks from the hex in successive lines.
+
+    Attributes:
+        last: The latest block, which the next lines may continue.
+    """
 
     def __init__(self) -> None:
         self.last: HexBlock | None = None
@@ -152,8 +162,7 @@ class _BlockReader:
         if piece.offset:
             self._add_dump_row(number, piece)
         elif not (piece.is_hex_only or piece.has_hex_notation) and len(piece.digits) < 2 * MIN_HEX_BYTES:
-            if piece.ends_line:  # a few bytes after words may belong to the bytes of the next line
-                self._tail = number, piece
+            self._add_few_bytes(number, piece)
         elif self._open is not None and not self._open.blank_line_follows:
             self._add_row(self._open, number, piece)
         else:
@@ -180,6 +189,17 @@ class _BlockReader:
         self._repeat_budget -= max(block.size - size, 0)
         return reached
 
+    def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
+        """Handle a few bytes beside words. A few bytes may be the end of a frame, or belong to the bytes of
+        the next line.
+        """
+        block = self._open
+        is_short = block is not None and block.size <= _LONGEST_COMPLETED
+        if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
+            block.add(number, piece)
+        elif piece.ends_line:
+            self._tail = number, piece
+
     def _begin_block(self, number: int, piece: HexDigits) -> None:
         block = HexBlock(self._caption, self._direction, self._has_new_caption, piece)
         tail = self._tail
@@ -196,6 +216,7 @@ class _BlockReader:
         self._has_new_caption, self._tail = False, None
 
     def _add_row(self, block: HexBlock, number: int, piece: HexDigits) -> None:
+        """Add a row to a block. If the block is then full, move its last frame to a new block."""
         block.add(number, piece)
         if block.is_full:
             self._set_last_block(block.split(_last_frame_start(block)))
@@ -209,7 +230,7 @@ class _BlockReader:
         if self._open is not None and self._open.offset and self._fit_to_offset(self._open, digits, number):
             self._open = None
         else:
-            self._add_hex(number, HexDigits(digits, "", 0, True, False, True))
+            self._add_hex(number, HexDigits(digits, "", 0, True, False, True, True))
 
 
 def _last_frame_start(block: HexBlock) -> int:
@@ -223,7 +244,9 @@ def _last_frame_start(block: HexBlock) -> int:
 
 
 def _frame_length(data: bytes) -> int | None:
-    """Return the length that the first frame states; None if SOH is missing or the length is implausible."""
+    """Return the length that the frame at the start of `data` states; None if SOH is missing or the length is
+    implausible.
+    """
     length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
     return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
 
@@ -233,7 +256,9 @@ def _begins_as_frame(data: bytes) -> bool:
 
 
 def _missing_bytes(data: bytes) -> int:
-    """Return how many bytes the last frame in `data` lacks; 0 if there is no frame."""
+    """Return how many bytes are missing at the end of the last frame in `data`; 0 if that frame is whole or
+    `data` holds no frame.
+    """
     last = data[_frame_starts(data, [])[-1] :]
     return max((_frame_length(last) or 0) - len(last), 0)
 
@@ -268,7 +293,10 @@ def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
 
 
 def _is_bcap_hex(block: HexBlock) -> bool:
-    """Return whether a block holds b-CAP bytes. Many bytes of b-CAP frames are zero, unlike other hex."""
+    """Return whether a block holds b-CAP bytes.
+
+    Many bytes of b-CAP frames are zero. This distinguishes b-CAP from other hex.
+    """
     data = block.data
     if block.is_captioned and block.direction is not None:
         return len(data) >= MIN_HEX_BYTES // 2
@@ -300,7 +328,11 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets at which frames begin: after a whole frame, or at one of `rows` after an EOT."""
+    """Return the offsets at which frames begin in the bytes of a block; `rows` are the offsets of the block's
+    rows.
+
+    A frame begins directly after a whole frame, or at a row that looks like the start of a frame.
+    """
     cuts = [0]
     while True:
         start = cuts[-1]
@@ -320,7 +352,9 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
 def _direction_of(
     part: bytes, block: HexBlock, by_port: Direction | None
 ) -> tuple[Direction | None, bool, list[Message]]:
-    """Return the direction of a packet, whether it is a guess, and a note on a contradiction."""
+    """Return the direction of a packet, whether the direction is a guess, and a note if caption and bytes
+    contradict each other.
+    """
     content = _direction_by_content(part)
     if by_port is not None:
         return by_port, False, []
@@ -333,7 +367,10 @@ def _direction_of(
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Return the direction that the function id or result code shows, even in a damaged frame."""
+    """Return the direction that the bytes of a frame show; None if they do not show it.
+
+    The function id or result code shows the direction even if the rest of the frame is damaged.
+    """
     item = parse_single_frame(part)
     if isinstance(item, Malformed) or not _begins_as_frame(part):
         return None

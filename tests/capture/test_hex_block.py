@@ -9,7 +9,7 @@ ROW = "41" * 16
 
 
 def row(digits: str = ROW, offset: str = "") -> HexDigits:
-    return HexDigits(digits, offset, 2, True, bool(offset), True)
+    return HexDigits(digits, offset, 2, True, bool(offset), True, True)
 
 
 def block(*rows: tuple[str, str]) -> HexBlock:

@@ -21,7 +21,7 @@ EIGHT = "0152000000050000"
 
 def alone(digits: str, offset: str = "", indent: int = 0, marked: bool = False) -> list[LinePiece]:
     """Make what a line of nothing but hex gives."""
-    return [HexDigits(digits, offset, indent, True, marked or bool(offset), True)]
+    return [HexDigits(digits, offset, indent, True, marked or bool(offset), True, True)]
 
 
 @pytest.mark.parametrize(
@@ -41,8 +41,8 @@ def alone(digits: str, offset: str = "", indent: int = 0, marked: bool = False) 
         ("<td>01</td><td>52</td>", alone("0152", indent=1)),
         ("01&nbsp;52", alone("0152")),
         ("\uff10\uff11 52", alone("0152")),
-        ("0x01, 0x52, 0x0,", [HexDigits("015200", "", 0, True, True, False)]),
-        ("(byte)0x01, (byte)0x52 // ", [HexDigits("0152", "", 1, True, True, False)]),
+        ("0x01, 0x52, 0x0,", [HexDigits("015200", "", 0, True, True, True, False)]),
+        ("(byte)0x01, (byte)0x52 // ", [HexDigits("0152", "", 1, True, True, True, False)]),
         ("01-52-00-00", alone("01520000")),
         ("01:52:00:00", alone("01520000")),
         ("0152 0000 04", alone("0152000004")),
@@ -57,6 +57,7 @@ def alone(digits: str, offset: str = "", indent: int = 0, marked: bool = False) 
         ("61 62  ab", alone("6162")),
         ("0000000 5201 0000", alone("01520000", "0000000")),
         ("000000 00005201", alone("01520000", "000000")),
+        ("0000000 051001 000004", alone("01520400", "0000000")),
         (r'"\x01\x52\x00" \ ', alone("015200", marked=True)),
         (r"\x01\x52", alone("0152", marked=True)),
         (r"'\x01R\n\\\0\''", alone("01520a5c0027", marked=True)),
@@ -91,7 +92,7 @@ def test_words_before_and_behind() -> None:
     line = "TX: 01 52 00 00 00 05 00 00 (and so on)"
     assert parse_line(line) == [
         ProseText("TX:"),
-        HexDigits(EIGHT, "", 0, False, False, False),
+        HexDigits(EIGHT, "", 0, False, False, False, False),
         ProseText("(and so on)"),
     ]
 
@@ -104,12 +105,12 @@ def test_two_rows_in_a_line() -> None:
     assert (send.digits, receive.digits) == (EIGHT, "0110000000050000")
 
 
-def test_a_few_bytes_at_the_end_of_a_line_are_told_as_such() -> None:
+def test_a_few_bytes_at_either_end_of_a_line_are_told_as_such() -> None:
     _, tail = parse_line("the value is 0x0001 0A 00")
-    assert tail == HexDigits("0A00", "", 0, False, False, True)
+    assert tail == HexDigits("0A00", "", 0, False, False, False, True)
+    lead, _ = parse_line("00 04 is the end")
+    assert lead == HexDigits("0004", "", 0, False, False, True, False)
     assert len("0A00") < 2 * MIN_HEX_BYTES
-    line = "00 04 is the end"
-    assert parse_line(line) == [ProseText(line)]
 
 
 @given(st.text() | st.text("0123456789abcdefxABX \\\"'|:-.>*<&;/()", max_size=200))

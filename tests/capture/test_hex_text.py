@@ -283,6 +283,12 @@ def test_a_number_before_a_frame_does_not_get_into_it() -> None:
     assert found(f"the answer is 10\n{window(DONE)}") == [DONE]
 
 
+def test_words_behind_the_last_bytes() -> None:
+    rows = window(MOVE).split("\n")
+    assert found("\n".join([*rows[:-1], rows[-1] + " <- EOT"])) == [MOVE]
+    assert found("\n".join([*rows, "04 is the end of it"])) == [MOVE]
+
+
 PROSE = """
 Add the Face DEAD of the Cafe, be a Bad Dad: 0x101 and 600B, @E, 8msec, 0x0000001.
 DEAD
