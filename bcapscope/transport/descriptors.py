@@ -12,12 +12,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-_OUT_OF_DESCRIPTORS = frozenset({errno.EMFILE, errno.ENFILE})
-
 
 def is_out_of_descriptors(error: OSError) -> bool:
     """Return whether an error means that the process or the system has no free file descriptor."""
-    return error.errno in _OUT_OF_DESCRIPTORS
+    return error.errno in (errno.EMFILE, errno.ENFILE)
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:

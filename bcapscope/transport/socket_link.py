@@ -35,11 +35,13 @@ class SocketLink(asyncio.BaseProtocol):
 
     @property
     def local(self) -> Address:
-        return self._address("sockname")
+        host, port, *_ = self._transport.get_extra_info("sockname")
+        return host, port
 
     @property
     def peer(self) -> Address:
-        return self._address("peername")
+        host, port, *_ = self._transport.get_extra_info("peername")
+        return host, port
 
     def close(self) -> None:
         """Close the socket. A TCP connection first sends the data that is still waiting to be sent."""
@@ -58,10 +60,6 @@ class SocketLink(asyncio.BaseProtocol):
                 if exc is None
                 else Message("connection.broke", reason=os_reason(exc))
             )
-
-    def _address(self, which: str) -> Address:
-        host, port, *_ = self._transport.get_extra_info(which)
-        return host, port
 
 
 class TcpLink(SocketLink, asyncio.Protocol):
