@@ -1,4 +1,4 @@
-"""Frames as text, one line per frame."""
+"""Frames as text, one line per frame. Frames that differ only in their numbers share a template."""
 
 from __future__ import annotations
 
