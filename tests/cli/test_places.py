@@ -207,7 +207,7 @@ def test_the_rings_of_both_ends_are_one_conversation(tmp_path: Path) -> None:
 
 
 def test_files_of_one_place_stay_in_order_although_their_clock_estimates_differ(tmp_path: Path) -> None:
-    """Slow replies shift the estimate for the first files by 2 ms, and the second files begin with a reply."""
+    """Slow replies shift the first estimate by 2 ms, and the second files begin with a reply."""
     places = both_ends().poll(200)
     near, far = places.near.packets, places.far.packets
     near[1:200:2] = [packet._replace(time=packet.time + 4 * MS) for packet in near[1:200:2]]
