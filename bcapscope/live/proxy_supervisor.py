@@ -280,7 +280,7 @@ class ProxySupervisor:
             self._memory.unlink()
 
     def _raise_if_ended(self) -> None:
-        if self._read_signals():
+        if self._read_signals(1):  # a second signal must still be there for `must_end_now`
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
@@ -289,9 +289,9 @@ class ProxySupervisor:
             self._must_end_now = True
         return self._must_end_now
 
-    def _read_signals(self) -> bytes:
+    def _read_signals(self, most: int = 16) -> bytes:
         with suppress(BlockingIOError):
-            return self._end_signals.recv(16)
+            return self._end_signals.recv(most)
         return b""
 
     def _on_signal(self, _: int) -> None:
