@@ -23,6 +23,7 @@ from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_watcher import ProxyWatcher, RecorderTask
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
+from bcapscope.live.watcher_priority import WatcherUrgency
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
@@ -254,9 +255,9 @@ def test_others_have_a_tick_for_themselves_while_more_comes_but_not_once_all_is_
     assert rests == [proxy_watcher.POLL_INTERVAL, proxy_watcher.POLL_INTERVAL, proxy_watcher.POLL_INTERVAL, 0]
     assert rest_after(more=False) == proxy_watcher.POLL_INTERVAL  # there was nothing to do
     rest_after(more=True)
-    chain.ring.urgency = 1
+    chain.ring.urgency = WatcherUrgency.ALL
     assert rest_after(more=True) == 0
-    chain.ring.urgency = 0
+    chain.ring.urgency = WatcherUrgency.NONE
     assert rest_after(more=True) == proxy_watcher.POLL_INTERVAL
     chain.now -= 3000 * MS  # what comes is shown that late
     assert rest_after(more=True) == proxy_watcher.POLL_INTERVAL
