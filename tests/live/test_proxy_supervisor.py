@@ -83,7 +83,7 @@ def test_of_two_signals_before_the_start_the_second_ends_the_proxy_at_once() -> 
     ):
         there.send(bytes([signal.SIGINT, signal.SIGINT]))
         with pytest.raises(KeyboardInterrupt):
-            proxy.wait_for(lambda seconds: False)
+            proxy.start_watcher(lambda seconds: False)
         assert proxy.must_end_now()
 
 
