@@ -15,7 +15,7 @@ class Certainty(StrEnum):
     OBSERVED = "observed"
     """DENSO's server or driver, a published capture or a report of users shows the behaviour."""
     ASSUMED = "assumed"
-    """No source states the behaviour. The simulator has the likeliest or the simplest that works."""
+    """No source states the behaviour. The simulator does what is likeliest, or simplest."""
 
 
 class Behaviour(NamedTuple):

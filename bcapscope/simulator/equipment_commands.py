@@ -185,7 +185,7 @@ def _force(hand: Hand, force: float) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT is given. The option DetectOn has no effect."""
+    """Return whether the option NEXT ends the call before the motion. The option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
