@@ -268,9 +268,12 @@ def test_cancelled_while_the_built_in_simulator_starts_anew(
         await until(pilot, lambda: start.begun == 2)
         await pilot.press("escape")
         start.may_start.set()
+        await until(pilot, lambda: len(start.started) == 2)
+        renewed = str(start.started[1].port)
+        await until(pilot, lambda: here.query_one("#port", Input).value == renewed)
+        assert not here.query_one("#connect", Button).disabled
         await pilot.press("f5")
         await until(pilot, lambda: here.session.status.robot is not None)
-        assert here.query_one("#port", Input).value == str(start.started[1].port)
         await finish(pilot)
 
     drive(make_tester(tmp_path), act, limit=LIMIT)

@@ -353,6 +353,7 @@ class TesterScreen(BaseScreen):
     def action_cancel(self) -> None:
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
+        self.query_one(ConnectionPanel).cancel_connect()
 
     def action_arm(self) -> None:
         if self.session.arming.is_armed(self.session.now()):

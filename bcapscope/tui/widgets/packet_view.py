@@ -26,6 +26,7 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.tui.ink import CURSOR, INK, LIT
 from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 MAX_ROWS = 20_000
 """Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
@@ -361,7 +362,7 @@ be narrower, the view shows eight bytes per line.
 """
 
 
-class PacketView(Horizontal):
+class PacketView(Horizontal, PlainContainer):
     """Shows a frame, or other bytes, as a tree and as bytes. Both highlight the same field."""
 
     def compose(self) -> ComposeResult:
