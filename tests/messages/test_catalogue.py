@@ -142,7 +142,7 @@ def _strings_and_patterns() -> tuple[set[str], list[re.Pattern[str]]]:
                     re.escape(str(each.value)) if isinstance(each, ast.Constant) else r"[\w.-]*"
                     for each in node.values
                 ]
-                if re.match(r"[a-z\\-]+\\?\.", parts[0]):
+                if re.match(r"[a-z]+(\\-[a-z]+)*\\\.", parts[0]):
                     patterns.add("".join(parts))
     return constants, [re.compile(each) for each in patterns]
 
