@@ -35,9 +35,7 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Client number that owns the arm while the pendant or another network has the arm. Numbers of clients start
-at 1.
-"""
+"""Owner number of the arm while the pendant or another network owns it. Client numbers start at 1."""
 
 
 @dataclass(frozen=True, slots=True)

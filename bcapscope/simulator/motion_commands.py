@@ -73,7 +73,7 @@ def _poses(pose: Variant) -> tuple[Variant, ...]:
 
 
 def drive(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Drive. Its option contains the pass, such as @P or @E."""
+    """Run Robot_Drive. The pass, such as @P or @E, is part of the option."""
     arguments = context.arguments
     axis_move = arguments.integer(0), arguments.number(1)
     option = arguments.text(2, default="")

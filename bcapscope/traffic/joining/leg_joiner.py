@@ -135,7 +135,7 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to `until` that precede every frame which a merger still holds."""
+        """Return the observations up to `until`. Stop before the earliest frame that a merger still holds."""
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending
