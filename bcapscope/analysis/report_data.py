@@ -40,7 +40,7 @@ MAX_RETRY_CHAINS = 12
 """Maximum number of calls that are shown frame by frame: those with the most retries, then the slowest."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""Maximum size in bytes of the frames of a call whose retries are shown one by one."""
+"""Only calls whose frames have at most this total size in bytes are shown frame by frame."""
 
 MAX_DAMAGED = 20
 

@@ -64,7 +64,7 @@ class HelpScreen(ModalScreen[None]):
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the action's key as the user reads it; "" for no key."""
+    """An action in the command palette. `key` is the action's key as shown to the user; "" for no key."""
 
     name: str
     tip: str

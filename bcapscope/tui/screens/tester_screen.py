@@ -228,7 +228,7 @@ class TesterScreen(BaseScreen):
     @on(ConnectWanted)
     @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        """Connect to a controller. If it is the built-in simulator and has ended, start it again first."""
+        """Connect to a controller. If it is the built-in simulator and has exited, start it again first."""
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
             panel.wait_for_address()

@@ -339,7 +339,9 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief` is set, round 10,000 and more down, as in ``12k`` or ``1.2M``."""
+    """Return a count as text. If `brief` is set, round counts of 10,000 or more down, as in ``12k`` or
+    ``1.2M``.
+    """
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

@@ -79,7 +79,9 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field with a byte, without a message; return the field's start and end."""
+        """Select the innermost field that contains the byte at `offset`, but post no message. Return the
+        field's start and end; both are 0 if no field contains the byte.
+        """
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -150,7 +152,7 @@ class FieldTree(Lines):
         return len(branch) <= _FOLDED_AT_FIRST + 1 and not has_problem
 
     def _branch_end(self, at: int) -> int:
-        """Return the index of the first entry after the branch that begins with an entry."""
+        """Return the index of the first entry after the branch that begins at index `at`."""
         if not self._is_branch(at):
             return at + 1
         later = range(at + 2, len(self._entries))
@@ -383,7 +385,7 @@ class PacketView(Horizontal, PlainContainer):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the view of the bytes the columns that it needs, and the tree the other columns."""
+        """Give the byte view the columns that it needs, and the tree the remaining columns."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST
