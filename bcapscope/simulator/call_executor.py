@@ -157,7 +157,7 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the value if there is one; otherwise, the profile decides between EMPTY and no argument."""
+        """Return the value of a reply. If there is none, the profile decides between EMPTY and no value."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:
