@@ -164,7 +164,9 @@ _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Return a function that tests whether two values differ by more than a factor and more than `least`."""
+    """Return a function that tests whether two values differ by more than the factor `ratio` and by more than
+    `least`.
+    """
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
         if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST_SAMPLES:

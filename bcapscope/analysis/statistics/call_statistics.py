@@ -120,8 +120,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted
-    together.
+    """Counts calls of one kind. For speed, plain successes, which are nearly all calls, are collected, and
+    `flush` counts them together.
     """
 
     def __init__(self) -> None:
@@ -172,7 +172,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Add the counts of `other`, which must be flushed."""
+        """Add the counts of `other`. Call `other.flush` first."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)

@@ -68,7 +68,9 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution with the pending values in bins. The histogram does not change."""
+        """Return the distribution from a copy of the histogram, in which the pending values are counted in
+        bins too.
+        """
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())

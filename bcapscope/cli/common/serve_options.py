@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ADDRESS = "127.0.0.1:8000"
 _MAX_VIEWERS = 16
-_DRIVER = "TEXTUAL_DRIVER"  # the variable is set in the process of a browser page
+_DRIVER = "TEXTUAL_DRIVER"  # environment variable, set only in the process of a browser page
 
 
 @dataclass(frozen=True, slots=True)
