@@ -28,7 +28,9 @@ def result_of(call: Call) -> Value:
 
 
 def first_number(variant: Variant | None) -> int | None:
-    """Return an argument as an integer; None if it contains none. Clients send a number, an array or text."""
+    """Return the integer in an argument: a number, the first element of an array, or a text of digits. Return
+    None if the argument has no integer.
+    """
     value = variant.value if variant is not None else None
     if isinstance(value, tuple):
         first = value[0] if value else None

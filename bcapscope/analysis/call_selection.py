@@ -17,8 +17,8 @@ class CallSelection:
     `report_occurrence`.
 
     A problem is selected if one of the frames that prove it belongs to a selected call. Whether a call is
-    selected is known only when the call is complete. Until then, the selection keeps the problems in its
-    frames.
+    selected is known only when the call is complete. Until then, the selection keeps the problems in the
+    frames of the call.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
@@ -57,8 +57,8 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the kept problems, then the problems in `at_end`, marked as if the traffic ended now. A kept
-        problem is not selected if its frame belongs to no completed call.
+        """Yield the kept problems, then the problems in `at_end`. Mark each problem as if the traffic ended
+        now: a problem is not selected if its frames belong to no completed call.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

@@ -20,10 +20,12 @@ FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of times or rates. Two captures of one program can differ by less."""
+"""Smallest notable ratio of times or rates. Two captures of the same program can differ by smaller ratios."""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of median cycle times; low because clients should keep the cycle time constant."""
+"""Smallest notable ratio of median cycle times. It is small because clients should keep the cycle time
+constant.
+"""
 
 NOTABLE_MS = 0.2
 """Smallest notable difference of latencies, ms. The shortest timeout is 2 ms (DENSO Wave 2009)."""
@@ -162,7 +164,9 @@ _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Return a function that tests whether two values differ by more than a factor and more than `least`."""
+    """Return a function that tests whether two values differ by more than the factor `ratio` and by more than
+    `least`.
+    """
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
         if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST_SAMPLES:
@@ -174,12 +178,14 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge shares of calls with an event that is not random, such as a refusal."""
+    """Return whether two shares of calls with a non-random event, such as a refusal, differ notably."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge shares of random events, such as losses. Their counts have a Poisson distribution."""
+    """Return whether two shares of calls with a random event, such as a loss, differ by more than chance. The
+    counts of random events have a Poisson distribution.
+    """
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -239,10 +245,14 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures of each kind of call, but not of all calls: these depend on which kinds the client made."""
+"""Figures that are compared for each kind of call, but not for all calls together: figures of all calls
+depend on which kinds of call the client made.
+"""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that are not compared if there are few calls: they would depend on the length of the capture."""
+"""Figures that are compared only if there are many calls. With few calls, they depend on the length of the
+capture.
+"""
 
 
 # Slave-mode sessions.

@@ -27,7 +27,9 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Handles that are remembered for each client. DENSO's C server (bcap_server.c) gives it at most 1000."""
+"""Maximum number of handles that are remembered for each client. DENSO's C server (bcap_server.c) gives a
+client at most 1000 handles.
+"""
 
 MAX_CLOSED_CLIENTS = 32
 """Maximum number of clients that are remembered after their conversation ended; slave mode may be on."""
@@ -157,7 +159,9 @@ class ClientState:
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """Slave mode of the client, as on an RC8 if the generation is unknown; None while it is off."""
+        """Slave mode of the client; None while slave mode is off. If the controller's generation is unknown,
+        the mode has the meaning that it has on an RC8.
+        """
         generation = self.generation or Generation.RC8
         return slave_mode_by_number(self.mode_value, generation) if self.mode_value else None
 

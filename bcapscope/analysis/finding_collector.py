@@ -10,7 +10,9 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. Problems with a further group key join the rule's first finding."""
+"""Maximum number of findings of one rule. If a rule has this many, problems with a new group key join the
+rule's first finding.
+"""
 
 MAX_CALLS = 256
 """The collector can look up the problems of at most this many calls by call number; it drops older calls."""
@@ -77,8 +79,9 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link a reported problem to its cause: the latest problem that certainly explains the call; a
-        problem in one of the calls `explaining_calls`; the latest possible cause.
+        """Link a reported problem to its cause. The cause is the first of these that exists: an injected
+        fault in the same call; the latest problem that certainly explains the call; the latest problem in one
+        of the calls `explaining_calls`; the latest problem that can be the cause by its rule and its time.
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
@@ -112,9 +115,9 @@ class FindingCollector:
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause of `effect`; the likeliest of those that began at
-        the same time. A candidate that began after the effect, or that is a consequence of the effect, cannot
-        be its cause.
+        """Return the latest candidate that can be the cause of `effect`. If several candidates began at the
+        same time, return the likeliest. A candidate that began after the effect, or that is a consequence of
+        the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
         # Candidates are roughly in chronological order, so only the latest few candidates need all checks.
@@ -151,7 +154,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return one finding for each new `FindingGroup` about selected calls, without links to causes."""
+        """Return a finding for each new `FindingGroup` about selected calls, without a link to its cause."""
         new, self._new_groups = self._new_groups, []
         return tuple(
             _finding(group, group.first, group.first.frames[:MAX_FRAMES_NAMED])
@@ -265,7 +268,7 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frames of the described occurrence, and one frame of the first and the last occurrence."""
+    """Return the frames of the shown occurrence, and one frame each of the first and the last occurrence."""
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]

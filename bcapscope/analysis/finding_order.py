@@ -1,4 +1,6 @@
-"""Occurrences of a problem that are reported together, the order of the findings, and the cause of each."""
+"""Group the occurrences of a problem that are reported together, order the findings, and link each to its
+cause.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ class FindingGroup:
 
     Attributes:
         selected: False if the finding is reported only as the cause of a finding about selected calls.
-        shown: Occurrence that the text of the finding describes. Only the copies of groups that
-            `FindingCollector.findings` makes have this attribute.
+        shown: Occurrence that the text of the finding describes. Only the copies of groups in
+            `FindingCollector.findings` have this attribute.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -41,7 +43,9 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence of the same call, and return it; None if no such one was kept."""
+        """Replace the kept occurrence of the same call with `update`. Return the old occurrence; None if none
+        was kept.
+        """
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -95,7 +99,7 @@ class FindingOrder:
         return self._numbers[group]
 
     def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of the finding that caused this group; None for a root cause."""
+        """Return the number of the finding that caused this group; None if the group is a root cause."""
         parent = self._parents.get(group)
         return None if parent is None else self.number(parent)
 
@@ -106,7 +110,7 @@ class FindingOrder:
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of that one, and so on."""
+        """Yield the first consequence of a group, the first consequence of that consequence, and so on."""
         while self._children.get(group):
             group = self._children[group][0]
             yield group
@@ -139,7 +143,9 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """For each group, return the group that caused its shown occurrence, without links that form a cycle."""
+    """For each group, return the group that caused its shown occurrence. A link that would close a cycle is
+    left out.
+    """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):

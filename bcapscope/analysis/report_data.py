@@ -164,7 +164,7 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970, unless the last frame is later.
+            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time counts.
         """
         if self._start is None:
             return None
@@ -266,7 +266,9 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return the gravest event about the attempts of a call, and the event about its result."""
+    """Return the events of a call for the timeline: the gravest event about its attempts, and the event about
+    its result.
+    """
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

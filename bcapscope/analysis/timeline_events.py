@@ -11,7 +11,9 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""A pause of this length in ns ends a period of activity. It grows if there are too many periods."""
+"""A pause of this length in ns ends a period of activity. If there are too many periods, a longer pause is
+needed.
+"""
 
 MAX_ACTIVITY_PERIODS = 512
 
@@ -54,7 +56,9 @@ class TimelineEventList:
     """Collects events in roughly chronological order, and joins neighbours when there are too many."""
 
     def __init__(self, most: int, pause: int = 0) -> None:
-        """Create an empty list. Events less than `pause` ns apart are joined; `pause` may grow."""
+        """Create an empty list. Events less than `pause` ns apart are joined. If there are too many events,
+        `pause` grows.
+        """
         self._most = most
         self._pause = pause
         self._events: list[TimelineEvent] = []

@@ -42,7 +42,9 @@ class AppendLogWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Make all records visible to readers, or raise OSError. Records come before their index entries."""
+        """Make all records visible to readers, or raise OSError. Write the records before their index
+        entries.
+        """
         if self._offsets:
             write_all(self._file, self._pending)
             write_all(self._index, self._offsets)
@@ -54,13 +56,13 @@ class AppendLogWriter:
 
 
 class ByteSink(Protocol):
-    """A file that is open for writing, or an object that takes bytes in the same way."""
+    """A file that is open for writing, or an object with the same method `write`."""
 
     def write(self, data: bytes | bytearray | memoryview, /) -> int | None: ...
 
 
 def write_all(file: ByteSink, data: bytes | bytearray) -> None:
-    """Write all of `data`, or raise OSError. One write to an unbuffered file may accept only a part."""
+    """Write all of `data`, or raise OSError. A single `write` to an unbuffered file may write only a part."""
     written = file.write(data) or 0
     while written < len(data):
         written += file.write(memoryview(data)[written:]) or 0

@@ -45,7 +45,7 @@ _STATE_FIELDS = (
     "is_at_controller",
     "was_overtaken",
 )
-"""Attributes of a call that a record holds unchanged."""
+"""Attributes of a call that a record stores without conversion."""
 
 _state_of = attrgetter(*_STATE_FIELDS)
 

@@ -38,9 +38,10 @@ class CaptureInput:
         frame_origins: Finds the capture and the packet of a frame, if there are several captures or
             `remember_origins` was called.
         plans: Pairs of captures that hold the same conversations.
-        decoder: Turns the packets into observations. It has the counts, the comments and the conversations so
-            far.
-        captures: The captures without folders. It has their paths, their size and the position reached.
+        decoder: Decoder that turns the packets into observations, and holds the counts, the comments and the
+            conversations so far.
+        captures: The captures, with their paths, their total size, and the position that reading has reached.
+            Each folder is replaced by the captures in it.
     """
 
     def __init__(

@@ -91,8 +91,9 @@ class CaptureSequence:
             on_problem: Function that receives the path and the error of a capture that cannot be read to its
                 end. Reading continues with the next capture.
             clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
-                the path. If `clocks` is given, even empty, the captures are read one after another, in the
-                order of `paths`: the errors of two clocks can be larger than the time between two packets.
+                the path. If `clocks` is not None, the captures are read one after another in the order of
+                `paths`. They are not merged by time, because the errors of two clocks can be larger than the
+                time between two packets.
         """
         self.paths = list(paths)
         self.size: int | None = None

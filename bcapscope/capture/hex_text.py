@@ -381,7 +381,9 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Return the payload of a network packet, the direction by its ports, and the size of its headers."""
+    """Return the payload of a network packet, its direction according to its ports, and the size of its
+    headers.
+    """
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:

@@ -80,7 +80,7 @@ class IpReassembly:
     """
 
     def __init__(self, counts: CaptureCounts) -> None:
-        """`counts` counts packets that are dropped because fragments were missing or contradictory."""
+        """Add to `counts` each packet that is dropped because fragments are missing or contradictory."""
         self._counts = counts
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0

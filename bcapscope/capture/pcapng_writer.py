@@ -76,8 +76,8 @@ class PcapngWriter:
         """Return a function that makes the blocks of two packets in one step. Two separate steps take
         twice as long.
 
-        `first` and `second` are the interface and the first bytes of each packet. `size` is the number of
-        varying bytes that follow.
+        `first` and `second` are the interface and the constant first bytes of each packet. The last `size`
+        bytes vary, and are the same in both packets.
 
         Raises:
             OSError: The description of a new interface cannot be written, such as on a full disk.

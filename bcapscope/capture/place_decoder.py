@@ -115,7 +115,9 @@ class PlaceDecoder:
 
 
 class _Source:
-    """The captures that one decoder reads. Packets of all sources are numbered together, here from `base`."""
+    """The captures that one decoder reads. All sources share one numbering of packets; `base` is the number
+    of packets in the sources before this one.
+    """
 
     def __init__(
         self,

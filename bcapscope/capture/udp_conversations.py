@@ -56,8 +56,8 @@ class UdpConversations:
         """Accept a datagram with its 8-byte header, and return the items of conversations whose server is now
         known.
 
-        `arrival` is the fields of `TimedItem` without the item. `note` is the reason why the datagram
-        is incomplete; None for a whole datagram.
+        `arrival` has the values of `began`, `time` and `packet` for a `TimedItem`. `note` is the reason why
+        the datagram is incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]

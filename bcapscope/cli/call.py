@@ -49,7 +49,9 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 
 class _ScriptFile(click.File):
-    """A text file or standard input. If standard input is closed, the user gets a usage error."""
+    """Argument type for a text file or standard input. If standard input is closed, the user gets a usage
+    error.
+    """
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
@@ -228,7 +230,9 @@ class _CallRunner:
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. If `opens_object` is True, the handle of an object comes before `values`."""
+    """A call to make. If `opens_object` is True, `arguments` opens an object and puts its handle before
+    `values`.
+    """
 
     function: Function
     values: tuple[Variant, ...]
@@ -325,7 +329,7 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed a handle first, although `call` adds the handle."""
+    """Return whether the first text is a handle, which the user must not type: `call` adds it."""
     if len(texts) < len(params):
         return False
     try:

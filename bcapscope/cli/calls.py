@@ -174,8 +174,8 @@ class _ShownCalls(PipelineSubscriber):
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print how many stray replies and packets captured twice there are, and which sessions were not
-        clean.
+        """Print the number of stray replies, the number of packets that were captured twice, and the sessions
+        that were not clean.
         """
         if self._stray_count:
             replies = Count(self._stray_count, "reply")

@@ -137,7 +137,7 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Print each new finding immediately: as text, or without a renderer as JSON."""
+    """Print each new finding immediately: as text with `renderer`, or as JSON if `renderer` is None."""
     pipeline, numbers = reader.pipeline(diagnosis), count(1)
 
     def print_new() -> None:

@@ -83,7 +83,7 @@ def _print_sentences(sentences: Iterable[str]) -> None:
 def _capture(
     source: CaptureSource, pipe: str | None, given: tuple[str, ...], words: MessageFormatter
 ) -> None:
-    """Capture until Wireshark ends the capture. Wireshark shows the reason of a failure."""
+    """Capture until Wireshark ends the capture. If capturing fails, Wireshark shows the reason."""
     from bcapscope.live.extcap_capture import CaptureFailedError, run_capture, wireshark_connected
 
     if not pipe:

@@ -186,7 +186,9 @@ def command(
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Check the set points with the limits of --limit only, because no other limits are known yet."""
+    """Check the set points against the limits of --limit, and exit if any fail. No other limits are known
+    yet.
+    """
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )

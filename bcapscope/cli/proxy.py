@@ -205,7 +205,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return it, and a function that reports where it listens."""
+        """Start the proxy. Return the proxy, and a function that reports where the proxy listens."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)

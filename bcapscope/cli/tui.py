@@ -146,7 +146,9 @@ def _check_source_options(
 
 
 def _choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and of its processes: that of --lang, or that of the settings."""
+    """Set the language of the screen and of its processes to that of --lang or, without --lang, of the
+    settings.
+    """
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 

@@ -141,8 +141,8 @@ class RulePolicy:
         return work.actions
 
     def hides_end(self, client: int) -> bool:
-        """Return whether a fault hides each FIN and RST of the client from the controller, and those of the
-        controller from the client.
+        """Return whether a half-open fault hides the end of a connection: neither end then sees a FIN or RST
+        of the other end.
         """
         state = self._clients.get(client, {}).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)

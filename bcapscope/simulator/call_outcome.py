@@ -56,8 +56,8 @@ class RefusalCode:
 # Every call creates an outcome. To create a struct takes 0.1 µs, and a frozen dataclass 0.9 µs. A named tuple
 # takes 0.4 µs, and can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """The result of a call. If `value` is None, the profile decides whether the reply has no argument or
-    EMPTY.
+    """The result of a call. If `value` is None, the profile decides whether the reply has no value or the
+    value EMPTY.
 
     `reason` tells the simulator's user why the call was refused. `reason` is empty if the result code says
     enough.

@@ -293,8 +293,8 @@ class Machine:
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call with an error that is active until ClearError, as in `raise_error`.
 
-        The error is listed once, however often the client repeats the call. If each refusal were listed, 32
-        set points in a row would push the error that ended slave mode out of the list.
+        The error is listed once, however often the client repeats the call. The list is short: if it had an
+        entry for each refusal, 32 refused set points would displace the error that ended slave mode.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
         simulator assumes the same for the errors of an RC7. The reason is that a result other than S_OK stops

@@ -67,9 +67,9 @@ class _RefusedCalls:
     """The refused calls of one client since errors were last cleared.
 
     Attributes:
-        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a
-            refused set point, it is the time of the previous set point.
-        reported: Errors that were reported as a cause: the call that read each error code.
+        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a refused
+            set point, the error cannot be older than the previous set point.
+        reported: For each error code that was reported as a cause, the call that read the error.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -155,7 +155,8 @@ class ErrorListChecker(RuleChecker):
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report an error that a client read, if this error explains the first refusal. The error list begins
-        with the newest error, so each error after the error of the refusal is older than the refusal.
+        with the newest error, so an error that follows the refusal's own error in the list is older than the
+        refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

@@ -46,7 +46,9 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Find the pause that explains an empty buffer. Sessions lack details of the set points around it."""
+        """Report the pause that explains an empty buffer. `session_occurrences` cannot report it: a session
+        lacks details of the set points around the pause.
+        """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
             return
@@ -118,7 +120,9 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point replaces the waiting set point; True if the mode is unknown."""
+    """Return whether a new set point replaces a waiting set point, or may replace it because the mode is
+    unknown.
+    """
     return session.mode.meaning is None or session.buffer.overwrites
 
 
@@ -153,7 +157,9 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points around the longest recent pause; None if a full buffer lasts longer."""
+    """Return the set points before and after the longest recent pause; None if a full buffer outlasts this
+    pause.
+    """
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":
         points.append(call)

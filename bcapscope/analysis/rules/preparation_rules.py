@@ -128,7 +128,7 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass option in the request of a motion, such as `@P` or `@0`; "" if there is none."""
+    """Return the pass-motion option in the request of a motion, such as `@P` or `@0`; "" if there is none."""
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:

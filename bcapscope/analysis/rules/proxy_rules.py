@@ -12,7 +12,9 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 _HELD_NS = 1_000_000
-"""Shortest delay by the proxy that a finding mentions. Usually, forwarding takes a fraction of this time."""
+"""Shortest delay by the proxy, in ns, that a finding mentions. The proxy usually forwards a message in a
+fraction of this time.
+"""
 
 
 class ProxyChecker(RuleChecker):
@@ -55,7 +57,9 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Add to `fact` where frames of the call were lost or held, if two captures or a proxy show this."""
+    """Return `fact`, with the place where frames of the call were lost or held, if two captures or a proxy
+    show this.
+    """
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
@@ -67,7 +71,9 @@ def with_place(call: Call, fact: Message) -> Message:
 
 
 def group_by_place(call: Call) -> str:
-    """Return a group key, so that calls with different advice become different findings."""
+    """Return the group key for a problem of a call. Calls with different advice have different keys, so they
+    become different findings.
+    """
     advice = advice_by_place(call)
     return "" if advice is None else advice.id
 

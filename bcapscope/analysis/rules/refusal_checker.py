@@ -41,7 +41,7 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move, as `ClientState.topic_of` names them."""
+"""Calls that must succeed before the robot can move, with the names that `ClientState.topic_of` returns."""
 
 
 class RefusalChecker(RuleChecker):
@@ -87,7 +87,9 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the error that a refused ClearError should have cleared; both often have the same cause."""
+    """Return the number of the call that reported the error which a refused ClearError should have cleared.
+    The refusal often has the same cause as the error.
+    """
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 

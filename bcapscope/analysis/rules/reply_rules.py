@@ -203,7 +203,9 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`, so that calls captured at two places get a finding of their own."""
+    """Return arguments for `report_call`. With these arguments, calls that need special advice because they
+    were captured at two places become a separate finding.
+    """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
 
@@ -304,7 +306,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """Finds an attempt of a call by serial and time; fast even for thousands of attempts and replies."""
+    """Finds an attempt of a call by serial and time, fast even if the call has thousands of attempts."""
 
     def __init__(self, call: Call) -> None:
         self._call = call
@@ -319,7 +321,9 @@ class _AttemptIndex:
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return when the client gave up the answered attempt, ns since 1970; 0 if it had not."""
+        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the reply came
+        earlier.
+        """
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

@@ -1,4 +1,6 @@
-"""The classes for a problem that a rule reports and for a refusal, and the base class of all checkers."""
+"""The base class of all checkers, and the classes for what checkers report: a problem, and the reason for a
+refusal.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +44,14 @@ class Occurrence:
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names the problem.
-        call: Number of the call that has the problem; 0 if it is not a problem of a call.
-        explaining_calls: Numbers of the calls in which a problem is the likeliest cause of this problem.
+        call: Number of the call that has the problem; 0 if no single call has it.
+        explaining_calls: Numbers of the calls whose problems are the likeliest causes of this problem.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
         count: How often the problem occurred; more than 1 if this object represents several occurrences.
         is_update: Whether this occurrence replaces the earlier occurrence of the same rule and call.
         selected: False if the problem is reported only as the cause of a problem in selected calls.
-        explains: Numbers of the calls whose earlier reported problems certainly follow from this problem.
+        explains: Numbers of the calls whose problems are certainly consequences of this problem.
     """
 
     rule: DiagnosisRule
@@ -75,7 +77,7 @@ class ClientEnd(NamedTuple):
 
     Attributes:
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
-        known_present: True if it is known that the client is still connected, although it sends nothing.
+        known_present: Whether the client is known to be still connected, although it sends nothing.
     """
 
     client: ClientState
@@ -108,8 +110,8 @@ class RuleChecker:
     Attributes:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). There may be
             millions of set points. If False, `on_call` gets only the first set point of each run of alike set
-            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the
-            client's state before the run.
+            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run; its argument
+            `client` has the state before the run.
     """
 
     needs_every_set_point: ClassVar[bool] = False
@@ -139,8 +141,8 @@ class RuleChecker:
         impact: RobotImpact = RobotImpact.NONE,
         is_update: bool = False,
     ) -> None:
-        """Report a problem of a call, which lasts by default from the call's request to its last frame. The
-        frames of `call` and of `evidence_call` prove the problem.
+        """Report a problem of a call. By default, the problem lasts from the call's request to its last
+        frame. The frames of `call` and of `evidence_call` prove the problem.
         """
         self.report_occurrence(
             Occurrence(
@@ -212,9 +214,10 @@ class RefusalReason(NamedTuple):
     """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: Value of `reason` in the message `finding.refused.because`; None if no reason is known.
-        fact: Message instead of `finding.refused` or `finding.refused.because`; None for one of these two.
-        clause: Message instead of `clause.refused`; None for `clause.refused`.
+        text: Value of the placeholder `reason` in the message `finding.refused.because`; None if no reason is
+            known.
+        fact: Message that replaces `finding.refused` or `finding.refused.because`; None to keep that message.
+        clause: Message that replaces `clause.refused`; None to keep that message.
     """
 
     text: Message | None = None
@@ -233,7 +236,9 @@ ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"
 
 
 def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalReason:
-    """Return the reason for a refusal that an earlier call explains. `id` names the message of the reason."""
+    """Return the reason for a refusal that an earlier call explains. `id` is the id of the message for the
+    reason.
+    """
     text = Message(id, call=call_place(earlier), at=Moment(earlier.request.time), **places)
     return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)
 

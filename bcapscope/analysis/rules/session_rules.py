@@ -286,7 +286,9 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether calls of two clients can delay each other, as over UDP. Over TCP, they cannot."""
+    """Return whether calls of two clients can delay each other. Over UDP to the same controller address, they
+    can. Over TCP, they cannot.
+    """
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 

@@ -12,17 +12,19 @@ MAX_CYCLES = 32
 """Largest lag in cycles that can be found. At a cycle time of 8 ms, it is a quarter of a second."""
 
 _ROWS_AT_ONCE = 256
-"""Maximum number of set points that `add` compares: enough for an estimate, and fast."""
+"""Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the squared errors of the worst and the best lag. Below it, the axis moves too little."""
+"""Minimum ratio of the worst lag's squared errors to those of the best lag. If the ratio is smaller, the axis
+moves too little to show the lag.
+"""
 
 
 class AxisLag:
     """Estimates the lag at which the returned poses match the commanded poses best.
 
-    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. To
-    find fractions of a cycle, a parabola is fitted to the errors of the best lag and its two neighbours.
+    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. A
+    parabola through the errors of the best lag and its two neighbours gives the fraction of a cycle.
     """
 
     def __init__(self, axes: int) -> None:

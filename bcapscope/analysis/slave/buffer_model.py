@@ -38,7 +38,9 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Number of buffer slots if the mode is unknown, as in most modes of current controllers."""
+"""Number of buffer slots that the model assumes if the mode is unknown. Most modes of current controllers
+have this many.
+"""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -117,8 +119,9 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return the time in ms for which a full buffer lasts without a new set point: one period per slot, but
-    at least two, because a single slot is refilled while the controller executes the previous set point.
+    """Return the time in ms for which a full buffer lasts without a new set point: one period per slot. A
+    single slot lasts two periods, because it is refilled while the controller executes the previous set
+    point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -146,7 +149,9 @@ class BufferBehaviour:
 
 
 class BufferModel:
-    """Predicts how many set points the buffer held when each set point, added in order, arrived."""
+    """Predicts how many set points the buffer held when each set point arrived. Set points must be added in
+    order.
+    """
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
         self._behaviour = behaviour
@@ -178,8 +183,8 @@ class BufferModel:
             moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if unknown.
 
         Returns:
-            For each set point, the time in ns from its arrival until the buffer would have been empty. The
-                time is negative if the buffer was already empty, and 0 for the very first set point.
+            For each set point, the time in ns from its arrival until the buffer would have been empty without
+                it. The time is negative if the buffer was already empty, and 0 for the very first set point.
         """
         if not self._last_frame:
             self._empty_at = int(rows.arrivals[0])
@@ -194,8 +199,8 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointTable, in_buffer_by: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """Add several set points in one step, which is faster than one by one. If one is late, refused or
-        beyond the capacity of the buffer, change nothing and return None.
+        """Add several set points in one step, which is faster than one by one. If a set point is late,
+        refused or beyond the capacity of the buffer, change nothing and return None.
 
         Each set point makes the buffer last one period longer, up to its capacity. A running minimum over all
         set points gives the time until which the buffer lasts.
@@ -255,7 +260,7 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointTable, index: int, empty_at: int) -> int:
-        """Correct the model by the result code of a reply; return the time when the buffer will be empty."""
+        """Correct the model by the result code of a reply. Return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -274,7 +279,7 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the levels and the smallest slack, in which the very first set point does not count."""
+        """Update the levels and the smallest slack. The very first set point does not count."""
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

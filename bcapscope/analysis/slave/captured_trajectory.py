@@ -94,7 +94,9 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Extracts trajectory steps from completed calls. The caller takes them from the list `ready`."""
+    """Extracts trajectory steps from completed calls. The caller takes the finished steps from the list
+    `ready`.
+    """
 
     def __init__(
         self,
@@ -130,7 +132,9 @@ class TrajectoryExtractor(PipelineSubscriber):
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """Number of set points that were left out, for each reason; final only after `finish`."""
+        """Number of set points that were left out, for each reason. The numbers are final only after
+        `finish`.
+        """
         counted = dict(self._left_out)
         after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted

@@ -23,10 +23,14 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates for each direction of a session. Other frames are read one by one."""
+"""Maximum number of templates for each direction of a session. Frames that match no template are read one by
+one.
+"""
 
 MAX_NUMBERS = 256
-"""Maximum count of numbers in a frame that becomes a template; a set point has about twelve."""
+"""If a frame has more numbers than this, it does not become a template. A set point has about
+twelve numbers.
+"""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """The numbers of a pose and a time stamp, or the indexes of these numbers among all numbers of the frame."""
@@ -64,12 +68,14 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return which frames in the rows of `data` match this template; None if all of them match."""
+        """Return for each row of `data` whether its frame matches this template; None if all frames match."""
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data`, which must match this template, to `rows`."""
+        """Copy the pose and time stamp of each frame in `data` to these `rows` of `columns`. The frames must
+        match this template.
+        """
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -85,9 +91,9 @@ class ColumnReader:
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
         """Create a reader of one argument.
 
-        `pick` returns the pose and the time stamp in the argument; () for a missing pose, and None for a
-        missing time stamp. To learn a template, the reader calls `pick` with an argument in which each number
-        is replaced by its index. Therefore `pick` must not depend on the values of the numbers.
+        `pick` returns the pose and the time stamp in the argument. A missing pose is (), and a missing time
+        stamp is None. To learn a template, the reader calls `pick` with an argument in which each number is
+        replaced by its index. Therefore `pick` must not depend on the values of the numbers.
         """
         self._argument = argument
         self._pick = pick
@@ -95,7 +101,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read the pose (`axes` numbers) and the time stamp of `count` frames with complete headers."""
+        """Read the pose (`axes` numbers) and the time stamp of `count` frames, all with complete headers."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:

@@ -61,8 +61,8 @@ class ControllerClock:
 
     A time stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
     denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
-    network delay is nearly constant, so the slope of a line through all pairs of time stamp and capture time
-    shows the drift.
+    network delay is nearly constant. Therefore a line through all pairs of time stamp and capture time has a
+    slope that shows the drift of the clocks.
     """
 
     def __init__(self, microseconds: bool | None) -> None:

@@ -70,7 +70,9 @@ class ControllerState:
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Keep a session until its first set point. Return the session that this drops, or None."""
+        """Keep a session until its first set point. If there are too many, drop and return the oldest;
+        otherwise return None.
+        """
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:
             dropped = self.pending_sessions.pop(next(iter(self.pending_sessions)))
@@ -78,8 +80,8 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Return the pending session to which a first set point belongs: that of the same client or, if there
-        is none, the oldest; None if no session is pending.
+        """Remove and return the pending session to which a first set point belongs: the session of the same
+        client or, if there is none, the oldest session. Return None if no session is pending.
         """
         if not self.pending_sessions:
             return None

@@ -12,7 +12,9 @@ SYNC_MS, ASYNC_MS = 8.0, 1.0
 """Periods of set points in Sync and Async modes (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_LOST = 0.01
-"""Largest share of lost packets that retries can compensate: seven, 2 ms apart, in Sync modes."""
+"""Largest share of lost packets that retries can compensate. In Sync modes, a client can send seven retries,
+2 ms apart.
+"""
 
 
 class Fitness(NamedTuple):

@@ -40,7 +40,9 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Minimum strength of a clue to call the number type of a set point unusual."""
+"""Minimum strength of the clue to the controller's generation. If the clue is weaker, no set point is
+reported for the number type of another generation.
+"""
 
 # Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
 # The provider is only a weak clue, because an RC7 accepts any provider name.

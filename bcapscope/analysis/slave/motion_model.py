@@ -261,8 +261,8 @@ class MotionModel:
     def _start_distance(
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> _StartDistance:
-        """Return the first set point's distance from the pose in its reply or, without it, from the known
-        position.
+        """Return the first set point's distance from the pose in its reply. If the reply has no pose, return
+        the distance from the known position.
         """
         first, position, axes = commanded.poses[0], self._position, len(self._axes)
         if not axes or not np.isfinite(first).all():
@@ -311,7 +311,9 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in the middle of a motion. The steps before `new` were examined."""
+        """Find repeated set points in the middle of a motion. Earlier calls examined the steps before index
+        `new`.
+        """
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -321,7 +323,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. The steps before index `new` were examined."""
+        """Find jumps of each kind. Earlier calls examined the steps before index `new`."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -348,7 +350,7 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Return the steps without wraps of angles: from 179 to -179 degrees, the step is 2 degrees."""
+        """Return the steps the short way round a turn: from 179 to -179 degrees, the step is 2 degrees."""
         if self._turns.any():
             turning = steps[:, self._turns]
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)

@@ -54,7 +54,7 @@ class MotionPaceModel:
         self._last_reply = np.nan
 
     def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
-        """Add set points. `cycles` has the cycle time before each set point in ms, or NaN if it is unknown.
+        """Add set points. `cycles` has the cycle time before each set point, ms; NaN if unknown.
 
         Args:
             in_motion: For each set point, whether the robot moves in the cycle before it.

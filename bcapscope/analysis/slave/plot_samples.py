@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""Maximum number of samples of a slave-mode session: more than a plot has pixels in a row."""
+"""Maximum number of samples of a slave-mode session: more than the width of a plot in pixels."""
 
 # Columns before the poses of a sample: time and frame of its first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
@@ -41,7 +41,9 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples; joins each two samples if there are too many."""
+    """Summarises successive set points as samples. If there are too many samples, each pair of neighbours
+    becomes one.
+    """
 
     def __init__(self, axes: int, origin: int) -> None:
         self._axes = axes

@@ -13,7 +13,9 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class SelectedSlaveSessions(PipelineSubscriber):
-    """Finds the sessions with selected set points. Other calls can still begin or end a session."""
+    """Finds the sessions with selected set points. A call that is no set point can begin or end a session
+    even if that call is not selected.
+    """
 
     def __init__(
         self,

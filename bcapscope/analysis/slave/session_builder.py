@@ -17,7 +17,9 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Set points that are processed together. Larger batches need more than 2 MB and are not faster."""
+"""Maximum number of set points that are processed together. Larger batches need more than 2 MB and are not
+faster.
+"""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
@@ -86,8 +88,8 @@ class SlaveSessionBuilder:
     @property
     def last_activity(self) -> int:
         """Time of the latest reply or, without a reply, of the latest set point, ns since 1970; 0 if unknown.
-        It is at least `entered_at`, because a client that does not wait for the reply to slvChangeMode can
-        send set points earlier.
+        The time is never before `entered_at`, although a client that does not wait for the reply to
+        slvChangeMode sends set points earlier.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -101,7 +103,9 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the waiting set points. Only the first batch of the session uses `slave_setup`."""
+        """Process the set points of the batch, and empty the batch. Only the first batch of the session uses
+        `slave_setup`.
+        """
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
@@ -137,7 +141,9 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the session with the end `exit_`, without the set points that wait to be processed."""
+        """Return the session with the end `exit_`. Set points that still wait in the batch are
+        not included.
+        """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )

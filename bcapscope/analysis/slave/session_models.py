@@ -46,7 +46,7 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""A client that skips more serials than this does not number its requests one by one."""
+"""If a client skips more serials than this, it evidently does not number its requests one by one."""
 _TINY_STEP = 0.02
 """A step counts as motion only if it is larger than this share of the axis's largest step so far."""
 
@@ -166,7 +166,9 @@ class SessionModels:
         return ((), 0) if self._slicer is None else self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Count the attempts before each set point that were not captured, as skipped serials show."""
+        """Return for each set point how many attempts before it were not captured. Skipped serials show these
+        attempts.
+        """
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))

@@ -14,7 +14,9 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""A frame with more bytes is stored separately; the frame of a set point has about a tenth of them."""
+"""A frame with more bytes than this is stored separately. The frame of a set point has about a tenth of this
+size.
+"""
 
 LATEST_TIME = (1 << 62) - 1
 """Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two times up to
@@ -112,7 +114,7 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add_other_call(self, call: Call) -> None:
-        """Count the attempts of another call of the set points' client."""
+        """Count the attempts of a call that comes from the same client, but does not belong to this batch."""
         self._attempts_since += len(call.attempts)
 
     def _note_other_attempts(self) -> None:

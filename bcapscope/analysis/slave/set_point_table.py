@@ -55,7 +55,9 @@ class SetPointTable:
         return taken
 
     def fact(self, row: int, cycles: Floats) -> SetPointFact:
-        """Return the facts about one set point. `cycles` has the cycle times in ms; NaN for the first one."""
+        """Return the facts about one set point. `cycles` has the cycle time before each set point, ms; NaN
+        for the very first set point.
+        """
         answered, cycle = bool(self.answered[row]), float(cycles[row])
         return SetPointFact(
             call=self.calls[row],

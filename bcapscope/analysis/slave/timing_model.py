@@ -19,7 +19,9 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended period in ms where a new set point replaces the waiting one (DENSO Wave 2009)."""
+"""Recommended period in ms for modes in which a new set point replaces the waiting set point (DENSO Wave
+2009).
+"""
 
 FAST_BELOW_MS = 3.0
 """Limit in ms, about the geometric mean of 1 ms and 8 ms. A session whose median cycle time is shorter has a
@@ -111,7 +113,9 @@ RECOMMENDED_TIMEOUTS: tuple[tuple[Deadline, tuple[ModeKind, ...], bool], ...] = 
     (_ros_deadline("ros-mode-2", 16.0), (ModeKind.MODE_2,), False),
     (_ros_deadline("ros-modes-0-1", 8.0), (ModeKind.MODE_0, ModeKind.MODE_1), False),
 )
-"""Recommended time-outs for slvMove: the modes to which they apply, and whether they are only for UDP."""
+"""Recommended time-outs for slvMove, each with the modes to which it applies, and whether it applies only to
+UDP.
+"""
 
 
 class CycleGrid(NamedTuple):
@@ -155,7 +159,9 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points. Return the cycle time in ms before each of them; NaN for the very first."""
+        """Add set points. Return the cycle time before each set point, ms; NaN for the very first
+        set point.
+        """
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])

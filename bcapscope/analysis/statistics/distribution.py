@@ -14,13 +14,15 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""Maximum number of values that a histogram keeps exactly. More values are all counted in bins."""
+"""Maximum number of values that a histogram keeps exactly. If there are more, all values are
+counted in bins.
+"""
 
 _PER_OCTAVE = 128
 """Number of bins per power of two: each value differs from the middle of its bin by less than 0.4 %."""
 
 _LOWEST, _HIGHEST = -24, 40
-"""Exponents (base 2) of the smallest and largest bin: 0.1 µm in mm, and tens of years in ms."""
+"""Exponents (base 2) of the limits of the bins. For values in ms, the limits are 0.06 ns and 35 years."""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 
@@ -66,7 +68,9 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution with the pending values in bins. The histogram does not change."""
+        """Return the distribution from a copy of the histogram, in which the pending values are counted in
+        bins too.
+        """
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())
@@ -138,7 +142,8 @@ def _rank(share: int, count: int) -> int:
 
 
 def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
-    """Count values in bins; return the number of the first bin that is not empty, and the counts from it on.
+    """Count values in bins; return the number of the first bin that is not empty, and the counts from this
+    bin on.
 
     The upper bits of an IEEE 754 double (the exponent and the first bits of the mantissa) give the bin
     number.

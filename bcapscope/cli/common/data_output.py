@@ -15,7 +15,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.columns import fold_line
 
 LINES_AT_ONCE = 512
-"""Number of lines in a batch. Live output is written line by line instead."""
+"""Maximum number of lines that are written in one batch. Live output is written line by line."""
 
 _BATCH_CHARACTERS = 256 * 1024  # A batch of lines is written when it has this many characters.
 
@@ -27,7 +27,9 @@ class OutputError(click.ClickException):
 
 
 def discarded_stdout(error: OSError) -> OutputError:
-    """Discard stdout, because writing to it failed with `error`. Return the exception to raise."""
+    """Discard all further output to stdout, because writing failed with `error`. Return the exception to
+    raise.
+    """
     discard_stdout()
     return OutputError(f"cannot write to standard output: {os_reason(error)}")
 
@@ -88,7 +90,7 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
 
 def line_width(wide: bool) -> int | None:
-    """Return the width of the terminal in columns; None if lines must not be cut."""
+    """Return the width of the terminal in columns; None if stdout is no terminal or `wide` is True."""
     if wide or not sys.stdout.isatty():
         return None
     import shutil  # imported here because it loads compression libraries, which takes 10 ms
@@ -97,6 +99,8 @@ def line_width(wide: bool) -> int | None:
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
-    """Return the lines, folded at the width of the terminal, if any, unless `wide` is True."""
+    """Return the lines, folded at the width of the terminal. If stdout is no terminal or `wide` is True,
+    return the lines unchanged.
+    """
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)

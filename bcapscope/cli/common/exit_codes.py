@@ -52,7 +52,7 @@ def exit_with(text: str, code: int) -> NoReturn:
 
 @contextmanager
 def usage_error_on(kind: type[Exception]) -> Iterator[None]:
-    """If the block raises an exception of class `kind`, report an invalid command line."""
+    """Convert an exception of class `kind` from the `with` block to a `click.UsageError`."""
     try:
         yield
     except kind as error:

@@ -242,7 +242,7 @@ def text_option(name: str, lines: Callable[[], Iterable[str]], help_: str) -> De
 
 
 def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
-    """Return a flag that selects one of several choices. The value of `parameter` is a tuple of choices."""
+    """Return a flag that adds `choice` to the tuple of choices in `parameter`."""
     return click.option(
         f"--{choice}", parameter, flag_value=choice, type=type(choice), multiple=True, help=help_
     )
@@ -255,7 +255,7 @@ def output_option(help_: str, allow_dash: bool = False) -> Decorator:
 
 
 class _RecordPath(click.Path):
-    """A new file or a named pipe, which the type does not open."""
+    """Option type for the path of a new file or a named pipe. The option does not open it."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)

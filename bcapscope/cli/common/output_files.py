@@ -33,8 +33,9 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that has a temporary name until `commit` renames it. Its folder does not change.
 
-    Without `commit`, the file is removed; after `interrupt_on_end_signals`, even if a signal ends the
-    command. The file is open only during a write, so the limit of open files does not matter.
+    Without `commit`, the file is removed at the end of the `with` block. After `interrupt_on_end_signals`, it
+    is removed even if a signal ends the command. The file is open only during a write, so the limit of open
+    files does not matter.
     """
 
     def __init__(self, path: Path) -> None:

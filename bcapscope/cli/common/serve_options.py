@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ADDRESS = "127.0.0.1:8000"
 _MAX_VIEWERS = 16
-_DRIVER = "TEXTUAL_DRIVER"  # the variable is set in the process of a browser page
+_DRIVER = "TEXTUAL_DRIVER"  # environment variable, set only in the process of a browser page
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ def run_app(*screens: ScreenEntry) -> None:
     """Run the app with these screens until the user quits.
 
     Raises:
-        click.UsageError: there is no terminal. A screen that is shown in a browser needs none.
+        click.UsageError: there is no terminal, and the screen is not shown in a browser.
     """
     from bcapscope.tui.app import BcapApp
 
@@ -55,8 +55,8 @@ def run_app(*screens: ScreenEntry) -> None:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command. In this process, the function returns
-    immediately.
+    Each browser page gets its own process, which runs the same command. When that process calls this
+    function, the function returns immediately.
     """
     if _DRIVER in os.environ:
         return

@@ -16,8 +16,8 @@ FEWEST_SHARED = 4
 
 _SAME_OFFSET_NS = 500_000_000
 """Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from a frame in
-the first capture to the same bytes in the second capture. Frames with the same bytes by coincidence, such as
-polls with a reused serial, deviate more.
+the first capture to the same bytes in the second capture. If two frames have the same bytes only by
+coincidence, such as polls with a reused serial, their offset deviates more from the median.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
