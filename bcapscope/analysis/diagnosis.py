@@ -178,8 +178,9 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970, unless the last frame is later.
-            clients_present: Whether it is known that clients are connected even if they send nothing.
+            ended_at: Time when the traffic ended, in ns since 1970. If the last frame is later, its time is
+                used.
+            clients_present: True if it is known that silent clients are still connected.
         """
         at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
         provisional = at_end if self._selection is None else self._selection.provisional_occurrences(at_end)

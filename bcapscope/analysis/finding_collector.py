@@ -77,8 +77,9 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link a reported problem to its cause: the latest problem that certainly explains the call; a
-        problem in one of the calls `explaining_calls`; the latest possible cause.
+        """Link a reported problem to its cause. An injected fault in the same call comes first, then the
+        latest problem that certainly explains the call, then a problem in one of the calls
+        `explaining_calls`, then the latest possible cause.
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """

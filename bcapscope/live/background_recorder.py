@@ -149,7 +149,9 @@ class BackgroundRecorder:
         return not self._lost and self._recorder.is_complete
 
     def _queue_packet(self, size: int, write: Callable[..., None], *arguments: object) -> bool:
-        """Queue a packet with `size` bytes of data. If there is no room, count it and return False."""
+        """Queue a packet with `size` bytes of data. If there is no room, count the packet as missing, and
+        return False.
+        """
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
@@ -165,8 +167,8 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return a comment for the next packet with their number; "" if none is
-        missing.
+        """Resume after missing packets. Return a comment for the next packet that says how many packets are
+        missing; "" if none is missing.
         """
         if not self._skipped:
             return ""

@@ -133,8 +133,8 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if none may be evicted. After a search that
-        found no client, do not search again for the same `now`.
+        """Return the client that has been idle longest; None if none may be evicted. If a search finds no
+        client, further calls with the same `now` return None without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now

@@ -1,4 +1,4 @@
-"""What the proxy's rules decide: the relay sends bytes and closes connections as these objects say."""
+"""Decisions of the proxy's rules: what the relay sends, and which connections it closes."""
 
 from __future__ import annotations
 

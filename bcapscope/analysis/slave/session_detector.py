@@ -37,7 +37,9 @@ HOLD_BACK_NS = 6_000_000_000
 """Time in ns for which an ended session is held back. The call that ended it may still arrive."""
 
 SILENCE_NS = 1_000_000_000
-"""A client that sends no set point during this time before the end of the capture counts as stopped."""
+"""A client counts as stopped if its last set point is more than this time in ns before the end of the
+capture.
+"""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
 """Maximum time from a failed call, as the cause, to the reply that shows that slave mode is off."""

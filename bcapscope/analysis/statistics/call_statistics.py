@@ -35,7 +35,7 @@ OTHER_KINDS = CallKind(0, None)
 """All kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""All clients beyond twice `MAX_KINDS` pairs of client and call kind."""
+"""Stands for all further clients once there are twice `MAX_KINDS` pairs of client and call kind."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000

@@ -72,7 +72,7 @@ class RequestKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class RequestDecision:
-    """What the controller must do with a request. `reply` is the stored reply to send now, for `REPEAT`."""
+    """What the controller must do with a request. For `REPEAT`, `reply` is the stored reply to send now."""
 
     kind: RequestKind
     reply: bytes | None = None
@@ -321,7 +321,9 @@ class Responder:
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of a `CHAIN` retry, even if earlier attempts are lost or overtaken; or None."""
+        """Return the call of a `CHAIN` retry, even if earlier attempts are lost or overtaken; None if
+        unknown.
+        """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
