@@ -117,7 +117,7 @@ class BackgroundRecorder:
         return bool(steps)
 
     def wait_until_written(self, seconds: float) -> None:
-        """Wait at most `seconds` until the encoded packets are in the file. Any thread may call this."""
+        """Wait until the encoded packets are in the file, but at most `seconds`. Any thread may call this."""
         until = time.monotonic() + seconds
         while (
             self._recorder.is_complete

@@ -87,7 +87,7 @@ class ClientSlots:
 
     def occupy(self, session: RelaySession, slot: ClientSlot, is_fresh: bool) -> None:
         """Give a client the slot that `find_slot` found. `is_fresh` is True if the client has sent only one
-        datagram; a second datagram may never follow.
+        datagram. Such a client may never send a second one.
         """
         number = session.number
         if slot is ClientSlot.RESERVED:

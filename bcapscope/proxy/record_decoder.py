@@ -108,8 +108,8 @@ class RecordDecoder:
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
         """Start without clients. Before the first observation on the controller's side, `join_legs` receives
-        a client's conversation with the proxy, and the proxy's conversation with the controller. If None, the
-        decoder never decodes the controller's side.
+        a client's conversation with the proxy, and the proxy's conversation with the controller. If
+        `join_legs` is None, the decoder never decodes the controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs

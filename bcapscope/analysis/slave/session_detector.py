@@ -37,8 +37,8 @@ HOLD_BACK_NS = 6_000_000_000
 """Time in ns for which an ended session is held back. The call that ended it may still arrive."""
 
 SILENCE_NS = 1_000_000_000
-"""A client counts as stopped if its last set point is more than this time in ns before the end of the
-capture.
+"""A client counts as stopped if its last set point and the reply to it are more than this time in ns before
+the end of the capture.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000

@@ -182,7 +182,7 @@ class Requester:
         self._send_attempt(now)
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
-        """Process a frame from the controller. Ignore stray replies, and bytes that are not an entire frame."""
+        """Process a frame from the controller. Ignore stray replies, incomplete frames, and other bytes."""
         if not isinstance(item, Frame) or not _is_complete(item):
             return
         attempt = self._attempt_with_serial(item.serial)

@@ -251,14 +251,16 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client. The running call gets no reply, and the next request is from a new client."""
+        """Forget the client. The running call gets no reply, and the next request counts as the first request
+        of a new client.
+        """
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call to the known keys. If there are too many, first drop the keys of forgotten calls."""
+        """Add a call to the known keys. If there are too many keys, first drop those of forgotten calls."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
