@@ -149,9 +149,7 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a frame with problems to the checkers, unless it is large: `on_frame` has already passed large
-        frames.
-        """
+        """Pass a frame with problems to the checkers. `on_frame` has already passed large frames."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -180,8 +178,9 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time counts.
-            clients_present: Whether clients that send nothing are known to be still connected.
+            ended_at: Time when the traffic ended, in ns since 1970. If the last frame is later, its time is
+                used.
+            clients_present: True if it is known that silent clients are still connected.
         """
         at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
         provisional = at_end if self._selection is None else self._selection.provisional_occurrences(at_end)

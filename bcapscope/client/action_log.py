@@ -276,7 +276,9 @@ def _hex(raw: bytes) -> dict[str, object]:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types. `left[0]` is the number of values that the line may still contain."""
+    """Convert a value to JSON types. `left[0]` is the number of values that the line may still contain; it is
+    reduced by the number of converted values.
+    """
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}

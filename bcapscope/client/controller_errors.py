@@ -16,7 +16,7 @@ MAX_ERRORS = 20
 
 
 async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
-    """Return code and text of each active error, newest first. Raises what `Session.call` raises."""
+    """Return the code and the text of each active error, newest first. Raises what `Session.call` raises."""
     found: list[tuple[int, str]] = []
     try:
         count = await controller.execute("GetCurErrorCount")

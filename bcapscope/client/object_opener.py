@@ -104,7 +104,9 @@ class ObjectOpener:
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator: only the simulator has the variable."""
+        """Return whether the controller is bcapscope's simulator. Only the simulator has
+        `SIMULATOR_VARIABLE`.
+        """
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 

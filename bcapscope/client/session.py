@@ -172,7 +172,7 @@ class Session:
             pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return timeout and number of retries of a call. On UDP, they depend on the slave mode."""
+        """Return the timeout and the number of retries of a call. On UDP, both depend on the slave mode."""
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)

@@ -54,8 +54,8 @@ class AttemptCounter:
         self._conversations: dict[Conversation, _AttemptsBySerial] = {}
 
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
-        """Return the result of `add_frame` as a number of an attempt. On TCP, every request is a first
-        attempt, because clients do not retry on TCP.
+        """Do the same as `add_frame`, but return only the number of the attempt. On TCP, every request is a
+        first attempt, because clients do not retry on TCP.
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
@@ -63,8 +63,8 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation. For a request, return the attempt that it makes; for a
-        response, return the attempt that it answers, or None if its request is unknown or old.
+        """Add the next frame of a UDP conversation. Return the attempt that a request is, or that a response
+        answers; None if the request of the response is unknown or old.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:

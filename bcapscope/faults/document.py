@@ -123,9 +123,7 @@ def fault_from(data: object) -> AnyFault:
 
 
 def to_plain_data(value: object) -> Any:
-    """Convert a struct into plain data, as a document would contain it, without fields that have their
-    default.
-    """
+    """Convert a struct into plain data, as in a document. Leave out fields that have their default."""
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 

@@ -331,7 +331,7 @@ class ExecutingFault(MessageFault, frozen=True, kw_only=True, tag="executing"):
 
 class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
     """Close the TCP connections to client and controller, and drop the message. UDP is not affected. RST
-    closes the connection at once, FIN after all messages that other faults hold were sent.
+    closes the connection at once. FIN closes it after all messages that other faults hold were sent.
     """
 
     how: CloseMode = CloseMode.RESET

@@ -117,7 +117,7 @@ class BackgroundRecorder:
         return bool(steps)
 
     def wait_until_written(self, seconds: float) -> None:
-        """Wait at most `seconds` until the encoded packets are in the file. Any thread may call this."""
+        """Wait until the encoded packets are in the file, but at most `seconds`. Any thread may call this."""
         until = time.monotonic() + seconds
         while (
             self._recorder.is_complete
@@ -149,7 +149,9 @@ class BackgroundRecorder:
         return not self._lost and self._recorder.is_complete
 
     def _queue_packet(self, size: int, write: Callable[..., None], *arguments: object) -> bool:
-        """Queue a packet with `size` bytes of data. If there is no room, count it and return False."""
+        """Queue a packet with `size` bytes of data. If there is no room, count the packet as missing, and
+        return False.
+        """
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
@@ -165,8 +167,8 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return a comment for the next packet with their number; "" if none is
-        missing.
+        """Resume after missing packets. Return a comment for the next packet that says how many packets are
+        missing; "" if none is missing.
         """
         if not self._skipped:
             return ""

@@ -125,8 +125,8 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output after the line that reports the addresses. Your code must read
-        and close this stream.
+        """Return the command's standard output, from which the line with the addresses was already read. Your
+        code must read and close this stream.
         """
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None

@@ -72,7 +72,8 @@ _STEAL_COLUMN = 8
 
 
 class CpuWakefulness:
-    """Keeps the processors out of deep sleep while there is much traffic.
+    """Keeps the processors out of deep sleep while there is much traffic: limits the time that they need to
+    wake.
 
     The limit needs root rights, unless a udev rule grants access. In a KVM guest with the haltpoll driver,
     idle processors then do not sleep at all. Linux drops the limit when the process closes the device file or

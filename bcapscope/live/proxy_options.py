@@ -90,7 +90,7 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame. `note` says in the user's language what rules of the proxy did to it; "" if
+        """Receive a frame. `note` says in the user's language what rules of the proxy did to the frame; "" if
         nothing.
         """
 

@@ -101,8 +101,8 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write records fast, from the start of the list, and return their number. Stop before the first
-        datagram that was changed or was not forwarded.
+        """Fast path: write records from the start of the list, and return how many were written. Stop before
+        the first datagram that was changed or was not forwarded.
 
         If all `records` are later than the waiting packets, write the waiting packets first. Do not write the
         last record, because a packet that arrives later may have an earlier time.

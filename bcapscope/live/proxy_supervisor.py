@@ -140,9 +140,9 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        `wait_for_scripts(seconds)` waits until the scripts have started, but at most this time, and returns
-        whether they have started. The watcher process loads while the scripts start, which saves 20 to 30 ms.
-        Recording begins when all scripts have started.
+        `wait_for_scripts(seconds)` waits at most `seconds` for the scripts to start, and returns whether they
+        have started. The watcher process loads while the scripts start, which saves 20 to 30 ms. Recording
+        begins when all scripts have started.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -279,12 +279,14 @@ class ProxySupervisor:
             self._memory.unlink()
 
     def _wait_for(self, is_ready: Callable[[float], bool]) -> None:
-        """Call `is_ready` until it returns True. `is_ready(seconds)` waits, but at most this time."""
+        """Call `is_ready(seconds)`, which waits at most `seconds`, until it returns True. If a signal arrives
+        first, raise a `KeyboardInterrupt`.
+        """
         while not is_ready(_POLL_INTERVAL):
             self._raise_if_ended()
 
     def _raise_if_ended(self) -> None:
-        if self._read_signals(1):  # a second signal must still be there for `must_end_now`
+        if self._read_signals(1):  # leave a second signal for `must_end_now`
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
@@ -385,8 +387,8 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a descriptor is a pipe, a socket or a terminal, which report that their other end was
-    closed.
+    """Return whether a descriptor is a pipe, a socket or a terminal. Only these report that their other end
+    was closed.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)

@@ -144,7 +144,7 @@ def _give_relay_priority() -> None:
 
 class RecorderTask:
     """Writes the relay's traffic to the recording, before the watcher decodes it. Records stay in the ring
-    until then.
+    until they are decoded.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
@@ -390,7 +390,7 @@ class ProxyWatcher:
         )
 
     def _skip_undecoded(self) -> None:
-        """Skip records that there is no time left to decode, but still print messages from the relay."""
+        """Skip the records that were not decoded in time, but still print the messages from the relay."""
         if self._reader.bytes_waiting:
             self._terminal.show(Message("watcher.skipped"))
         while self._reader.bytes_waiting:

@@ -45,7 +45,7 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning once after the relay has delayed data for longer than set points permit."""
+        """Return a warning if the relay has delayed data for longer than set points permit, but only once."""
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True

@@ -59,8 +59,8 @@ class WatcherPriority:
     """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with the watcher at idle priority. `set_idle` switches it to idle (True) or normal priority
-        (False).
+        """Start with the watcher at idle priority. `set_idle` switches the watcher to idle priority (True) or
+        to normal priority (False).
         """
         self._ring = ring
         self._set_idle = set_idle

@@ -87,7 +87,7 @@ class ClientSlots:
 
     def occupy(self, session: RelaySession, slot: ClientSlot, is_fresh: bool) -> None:
         """Give a client the slot that `find_slot` found. `is_fresh` is True if the client has sent only one
-        datagram; a second datagram may never follow.
+        datagram. Such a client may never send a second one.
         """
         number = session.number
         if slot is ClientSlot.RESERVED:
@@ -133,8 +133,8 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if none may be evicted. After a search that
-        found no client, do not search again for the same `now`.
+        """Return the client that has been idle longest; None if none may be evicted. If a search finds no
+        client, further calls with the same `now` return None without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now

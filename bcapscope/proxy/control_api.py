@@ -39,7 +39,7 @@ class ControlApi:
 
     def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
         """Execute a request, which is a line of JSON. Return the response as a line of JSON, and whether the
-        request was JSON; otherwise, the sender is not a control client. Even an invalid request gets a
+        request was JSON. If it was not, the sender is not a control client. Even an invalid request gets a
         response.
         """
         is_json = True

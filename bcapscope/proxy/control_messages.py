@@ -129,8 +129,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request, with the reason in English, and as the data that `message_to_data`
-    returns. The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request. `error` is the reason in English; `message` is the reason as the data
+    that `message_to_data` returns. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool

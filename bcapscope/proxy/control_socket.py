@@ -88,8 +88,8 @@ class ControlServer:
 
 
 class _Connection:
-    """A connected control client. `last_command_at` is in seconds of `time.monotonic`; minus infinity before
-    the first command.
+    """A connected control client. `last_command_at` is the time of the last command in seconds of
+    `time.monotonic`; minus infinity before the first command.
     """
 
     def __init__(self, sock: socket.socket, server: ControlServer) -> None:

@@ -81,8 +81,8 @@ class HeldMessage:
 
 
 InterceptResult: TypeAlias = tuple[Message, bytes | None]
-"""What the intercept did with a message, for the user; and the bytes to forward now instead of the message,
-None to forward nothing yet.
+"""What the intercept did with a message, as a text for the user, and the bytes to forward now in its place.
+If the bytes are None, the proxy forwards nothing yet.
 """
 
 

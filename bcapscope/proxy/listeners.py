@@ -23,7 +23,7 @@ def open_listeners(
 
     Raises:
         ProxyListenError: The proxy cannot listen on the address.
-        UnreachableError: The name of the controller has no address.
+        UnreachableError: The name of the controller cannot be resolved.
     """
     for last in range(_TRIES - 1, -1, -1):
         listeners: list[TcpListener | UdpListener] = []

@@ -1,4 +1,4 @@
-"""What the proxy's rules decide: the relay sends bytes and closes connections as these objects say."""
+"""Decisions of the proxy's rules: what the relay sends, and which connections it closes."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class SendAction(msgspec.Struct, frozen=True):
 
 
 class CloseAction(msgspec.Struct, frozen=True):
-    """Tells the relay to close both connections of a client. A reset loses unsent bytes; otherwise, all bytes
-    are sent first. `note` names the proxy rule that closes the connections.
+    """Tells the relay to close both connections of a client. If `reset` is True, unsent bytes are lost;
+    otherwise, all bytes are sent first. `note` names the proxy rule that closes the connections.
     """
 
     client: int

@@ -35,7 +35,9 @@ class SelectPoller:
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return descriptors with their events. A socket error appears in the next read or write."""
+        """Return the ready descriptors with their events. The next read or write of a broken socket raises
+        its error.
+        """
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
         readable, writable, broken = select.select(readers, writers, writers, seconds)

@@ -108,8 +108,8 @@ class RecordDecoder:
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
         """Start without clients. Before the first observation on the controller's side, `join_legs` receives
-        a client's conversation with the proxy, and the proxy's conversation with the controller. If None, the
-        decoder never decodes the controller's side.
+        a client's conversation with the proxy, and the proxy's conversation with the controller. If
+        `join_legs` is None, the decoder never decodes the controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -144,8 +144,8 @@ class RecordDecoder:
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
         """Yield each observation, with a note that says what a proxy rule did to the message; None if no rule
-        changed it. `packets` has the number of the packet in the recording for each record, or 0 if the
-        record has no packet; None if there is no recording.
+        changed it. For each record, `packets` has the number of its packet in the recording, or 0 if the
+        record has no packet. Without a recording, `packets` is None.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):

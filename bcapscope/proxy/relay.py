@@ -207,8 +207,8 @@ class Relay(DescriptorWatcher):
             self._record_and_perform(session, up, data, received_at, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Write data of this direction that still waits for a decision to the ring now, so that later records
-        of this direction follow it.
+        """Record the data of this direction that still waits for a decision, so that later records of this
+        direction follow it in the ring.
         """
         for decision, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
@@ -239,7 +239,7 @@ class Relay(DescriptorWatcher):
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a rule hides the end of each connection of the client from the other end."""
+        """Return whether a rule hides from each end of the traffic that the other end has disconnected."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:

@@ -88,7 +88,7 @@ class ClientListener(ABC):
 
         Raises:
             ProxyListenError: The proxy cannot listen on the address.
-            UnreachableError: The name of the controller has no address.
+            UnreachableError: The name of the controller cannot be resolved.
         """
         self.relay = relay
         self.controller = resolve(spec.to, transport)

@@ -136,8 +136,8 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
 
 
 class _Hole(NamedTuple):
-    """Numbers of received and sent bytes of one direction that the ring lost, and the times in ns of the last
-    of them.
+    """How many received and sent bytes of one direction the ring lost, and when the last of these bytes were
+    received and sent, in ns.
     """
 
     received: int = 0
@@ -402,8 +402,8 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return the records that were written before the last call of this method, but at most `limit`. If
-        the other reader is ahead, stop at its position `until`.
+        """Return at most `limit` records. Records that were written since the previous call may follow only
+        in the next call. If the other reader is ahead, `until` is its position; stop there.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

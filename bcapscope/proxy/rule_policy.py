@@ -52,8 +52,8 @@ class RulePolicy:
     Attributes:
         shaper: Applies the faults to messages.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
-        refused_requests: Number of requests that the guard refused, or that were refused because their script
-            is off or a stop has overtaken them.
+        refused_requests: Number of requests that the guard refused, or that were refused because the scripts
+            are off or a stop has overtaken them.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         notify: Function that gets each message for the user.
     """
@@ -178,7 +178,7 @@ class RulePolicy:
         return work.actions
 
     def remove_client(self, client: int, now: int) -> None:
-        """Drop a client, and everything that the rules still hold of it."""
+        """Forget a client, and drop all its data that the rules still hold."""
         self.release_held(client, now)
         conversation = self._clients.pop(client)[Direction.REQUEST].flow.conversation
         del self._states[conversation]
@@ -226,7 +226,7 @@ class RulePolicy:
     # `ScriptProcess` calls the following method.
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply the decisions in bytes from the scripts' process; b"" if the process has ended.
+        """Apply the decisions in `data`, which the scripts' process has sent; b"" if the process has ended.
         `pop_due_actions` returns the resulting actions.
         """
         if self.scripts is not None:

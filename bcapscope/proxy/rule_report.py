@@ -39,7 +39,9 @@ def report_lines(rules: RulePolicy) -> list[Message]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the names of lost requests and pieces of streams, and how often each name occurs."""
+    """Return the names of lost requests and pieces of streams, and how often each name occurs. Only the
+    `_MAX_NAMED` most frequent names are listed.
+    """
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
     most = names.most_common(_MAX_NAMED)

@@ -180,7 +180,9 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """Kill the process. Return why it had ended, and the script line that it executed last, if known."""
+        """Kill the process. If it had ended already, return the reason. Also return the script line that it
+        executed last, if known.
+        """
         code = self._exit_code()
         self._kill()
         found = None if code is None else _exit_message(code), self._script_location()
@@ -227,8 +229,8 @@ class ScriptProcess:
                 self._rules.on_script_data(data, now)
 
     def _flush(self) -> None:
-        """Write as many pending bytes as the socket accepts. The relay calls this again when it
-        accepts more.
+        """Write as many pending bytes as the socket accepts. The relay calls this method again when the
+        socket accepts more.
         """
         try:
             while self._backlog:

@@ -45,7 +45,9 @@ class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class ClientConnected(_WireFrame, frozen=True):
-    """A client sent its first message. `ends` has host and port of the client, and of the controller."""
+    """A client sent its first message. `ends` has the host and the port of the client, then those of the
+    controller.
+    """
 
     client: int
     ends: tuple[tuple[str, int], tuple[str, int]]

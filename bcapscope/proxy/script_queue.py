@@ -152,7 +152,9 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames, for a hook or to refuse motions."""
+        """Whether streams must be split into frames: for a hook, or to refuse motions while the scripts are
+        off.
+        """
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
@@ -168,7 +170,9 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts, and wait for their decision if the message is `undecided`."""
+        """Pass a message to the scripts. If `undecided` is not None, the message waits for their decision.
+        Otherwise, skip the message if no hook needs it or too much data is waiting.
+        """
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -308,7 +312,7 @@ class ScriptQueue:
             yield waiting.undecided, answer
 
     def _count(self, waiting: PendingOrder, sign: int) -> None:
-        """Add a message that waits for a decision to the counts, or subtract it if `sign` is -1."""
+        """If a message waits for a decision, add it to the counts (`sign` 1) or subtract it (`sign` -1)."""
         if waiting.undecided is not None:
             client = waiting.undecided.state.client
             self._counts[client] += sign

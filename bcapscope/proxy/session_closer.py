@@ -44,7 +44,7 @@ class CloseSequence(NamedTuple):
 
 
 class SessionCloser(PipelineSubscriber):
-    """Remembers the last call and the arms of each client, to close sessions that clients leave open."""
+    """Remembers the last call of each client, and the arms that it has taken, to close sessions left open."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""

@@ -23,7 +23,7 @@ class SilenceMonitor:
 
     def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[Message]:
         """Yield a message for each client that has fallen silent or sends again. `clients` are the clients in
-        slave mode, each with the time of its last request in ns. They must include all requests before `now`.
+        slave mode, each with the time of its last request in ns. All requests before `now` must be included.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

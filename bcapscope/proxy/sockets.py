@@ -35,7 +35,7 @@ class ProxyListenError(BcapError):
 
 
 class UnreachableError(BcapError):
-    """The name of a controller has no address."""
+    """The name of the controller cannot be resolved."""
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:

@@ -121,7 +121,9 @@ class TcpSession(RelaySession):
         self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data that the rules released. Return the time in ns since 1970; 0 if some bytes wait."""
+        """Send data that the rules released. Return the time of sending in ns since 1970; 0 if some bytes
+        still wait.
+        """
         if self._closed:
             return 0
         half = self._up if up else self._down
@@ -304,7 +306,9 @@ class TcpSession(RelaySession):
                 ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write as many bytes as the sink accepts. Return the time of writing and the number of bytes."""
+        """Write as many bytes as the sink accepts, and keep the others as pending. Return the time of writing
+        in ns since 1970, and the number of written bytes.
+        """
         sent = 0
         sent_at = time.time_ns()
         if not half.pending:
@@ -365,8 +369,8 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether the session may read more bytes of a direction. It must not if their receiver is
-        slow.
+        """Return whether the session may read more bytes of a direction. It must not if the proxy holds too
+        much data, if the receiver is slow, or, for requests, if the client does not read its replies.
         """
         policy = self._relay.policy
         if self._relay.pauses_reading(self):

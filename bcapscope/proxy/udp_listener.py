@@ -208,7 +208,8 @@ class UdpSession(RelaySession):
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests on behalf of the client, each after the reply to the previous request, but none after
-        the time `until` of `time.monotonic`. Return how many got a reply. This blocks the relay.
+        the time `until` of `time.monotonic`. Stop at the first request without a reply. Return how many
+        requests got a reply. This blocks the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -216,7 +217,7 @@ class UdpSession(RelaySession):
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request. Return whether its reply arrives in time."""
+        """Send a request. Return whether its reply arrives in time; notices do not count."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
@@ -251,14 +252,14 @@ class UdpSession(RelaySession):
         self._count_drops()
 
     def notify_refused(self) -> None:
-        """Report that the controller refuses datagrams, once until the controller sends a datagram."""
+        """Report that the controller refuses datagrams, but only once until the controller sends one."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that the system refused to send, and return 0. Report only the 1st, 2nd, 4th, 8th
-        and so on.
+        """Count a datagram that the system refused to send, and return 0. To limit the messages, report only
+        the 1st, 2nd, 4th, 8th datagram and so on.
         """
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1

@@ -83,8 +83,8 @@ class CallPackets:
     """
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """`origin_of` takes the number of a packet among all packets that were read. `only_path` is the path
-        of the capture if only one capture is read; None otherwise.
+        """`origin_of` returns the capture of a packet, given the number of the packet among all packets that
+        were read. `only_path` is the path of the capture if only one capture is read; None otherwise.
         """
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")

@@ -193,7 +193,7 @@ def _make_record_template(
         zip(frame.arguments, number_counts(frame.arguments), strict=True)
     ):
         variant = argument.variant
-        # if the template has no numbers of an argument, all frames that share the template have its value
+        # if no number of an argument can differ, the argument has one value in all frames of the template
         used = converter if taken else _ArgumentConverter(tuple(iter_numbers(variant)))
         arguments.append({"name": text_fragment(role(function_id, index).name), **used.members(variant)})
     members = {

@@ -34,7 +34,7 @@ class ClockedModel(Protocol):
 
 class SimulatorClock:
     """The model's clock, in ns. `latest_time` is the time that the clock gave to the model most recently. The
-    clock never gives an earlier time to the model.
+    model never gets an earlier time than that.
     """
 
     def __init__(

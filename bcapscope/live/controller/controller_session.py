@@ -399,7 +399,7 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether raw bytes need arming. Bytes that are not an intact frame always do."""
+    """Return whether raw bytes need arming. Bytes that are not an intact frame always need it."""
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

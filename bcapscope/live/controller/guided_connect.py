@@ -107,7 +107,9 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
 
 @contextmanager
 def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[list[Message | str]]:
-    """Report the start and the end of a step. The block adds the result of the step to the list."""
+    """Report the start and the end of a step. In the `with` block, the caller adds the result of the step to
+    the list.
+    """
     session.report(ConnectStepUpdate(step, None))
     result: list[Message | str] = []
     try:
@@ -126,8 +128,8 @@ def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[li
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of this call, and the robot's name and type; None if it
-    failed.
+    """Open and select a robot. Return the record of the opening call, and the robot's name and type, or None
+    if the call failed.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record

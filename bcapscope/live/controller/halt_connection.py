@@ -196,7 +196,7 @@ class HaltConnection:
                 await self._pressed.wait()
 
     async def _send_heartbeat(self, session: Session, handle: int) -> None:
-        """Check with a call that the connection works. If the user presses HALT, cancel this call."""
+        """Check with a call that the connection works. Cancel the call if the user presses HALT."""
         began = self._loop.time()
         call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
         pressed = asyncio.ensure_future(self._pressed.wait())

@@ -76,7 +76,9 @@ class HistoryRecorder:
             self._complete_call(call, RecordOutcome.UNANSWERED, event.attempts)
 
     def abandon_own_call(self) -> None:
-        """Abandon the running call if the current task made it, and does not only wait for its end."""
+        """Abandon the running call if the current task made this call, but not if the task only waits for the
+        call of another task.
+        """
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call()
 
@@ -107,7 +109,7 @@ class HistoryRecorder:
         reply: Frame | None = None,
         took: int | None = None,
     ) -> None:
-        """Report the record of the call. If there is no reply, the call ends now."""
+        """Report the record of the call. `took` is its duration in ns; None if the call ends now."""
         request = call.packets[0].item
         code, arguments = (request.code, request.variants) if isinstance(request, Frame) else (-1, ())
         self._call = None

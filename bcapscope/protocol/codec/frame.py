@@ -288,7 +288,9 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Return the bytes of a frame with one short row of numbers, such as the reply to slvMove, or None."""
+    """Return the bytes of a frame whose only argument is a short array of numbers, such as a reply to
+    slvMove; None if `row` is anything else.
+    """
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS

@@ -30,7 +30,9 @@ LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates of a `FrameTemplates` object. Beyond this limit, it learns them again."""
+"""Maximum number of templates of a `FrameTemplates` object. At this limit, the object forgets all templates,
+and learns them again.
+"""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of `_FrameShape` objects that `FrameTemplates` tries for one frame length."""
@@ -116,7 +118,9 @@ class FrameTemplate:
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the argument values of a frame that has these `numbers`, without their positions."""
+        """Do the same as `fill_arguments`, but return only the values of the arguments, without their
+        positions.
+        """
         if not numbers:
             return self._variants
         if self._single_fill is not None:

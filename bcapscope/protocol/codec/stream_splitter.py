@@ -53,8 +53,8 @@ class StreamPiece(NamedTuple):
     """A frame of a byte stream, or bytes between frames.
 
     Attributes:
-        start: Offset of the piece's first byte in the stream. Offsets include the missing bytes of the
-            stream.
+        start: Offset of the piece's first byte in the stream. Offsets also count the bytes that are missing
+            from the stream.
         stop: Offset after the piece's last byte.
     """
 
@@ -136,7 +136,9 @@ class StreamSplitter:
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Continue after a gap of `missing` bytes. Return the unfinished bytes, then a hole."""
+        """Continue after a gap of `missing` bytes. Return the unfinished bytes, then a piece that stands for
+        the missing bytes.
+        """
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)

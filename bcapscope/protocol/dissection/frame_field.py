@@ -203,7 +203,9 @@ class _FieldBuilder:
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range, without that of a value truncated at its end."""
+        """Return the problems in a byte range. Exclude the problem of a value that is truncated at the end of
+        the range.
+        """
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:

@@ -75,7 +75,8 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""Labels of the elements for the fields of `SetPoint` and `Feedback`, which have the order of the elements.
+"""For each field of `SetPoint` and `Feedback`, the labels of its elements. The fields have the same order as
+the elements.
 """
 
 
@@ -171,7 +172,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join meanings into one text, two at a time with the message `id`; "" if there are no meanings."""
+    """Join meanings into one text with the message `id`, which joins two texts; "" if there are none."""
     if not meanings:
         return ""
     *others, found = meanings

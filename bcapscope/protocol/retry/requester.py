@@ -124,7 +124,7 @@ class Requester:
     with `abandon`.
 
     Attributes:
-        deadline: Time in ns at which the program must use `handle_timeout`; None without a call in progress.
+        deadline: Time in ns at which the program must call `handle_timeout`; None if no call is in progress.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
@@ -182,7 +182,7 @@ class Requester:
         self._send_attempt(now)
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
-        """Process a frame from the controller. Ignore stray replies, and bytes that are no complete frame."""
+        """Process a frame from the controller. Ignore stray replies, incomplete frames, and other bytes."""
         if not isinstance(item, Frame) or not _is_complete(item):
             return
         attempt = self._attempt_with_serial(item.serial)

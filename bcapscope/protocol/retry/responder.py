@@ -72,7 +72,7 @@ class RequestKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class RequestDecision:
-    """What the controller must do with a request. `reply` is the stored reply to send now, for `REPEAT`."""
+    """What the controller must do with a request. For `REPEAT`, `reply` is the stored reply to send now."""
 
     kind: RequestKind
     reply: bytes | None = None
@@ -251,14 +251,16 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client. The running call gets no reply, and the next request is from a new client."""
+        """Forget the client. The running call gets no reply, and the next request counts as the first request
+        of a new client.
+        """
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call to the known keys. If there are too many, first drop the keys of forgotten calls."""
+        """Add a call to the known keys. If there are too many keys, first drop those of forgotten calls."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -321,7 +323,9 @@ class Responder:
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of a `CHAIN` retry, even if earlier attempts are lost or overtaken; or None."""
+        """Return the call of a `CHAIN` retry, even if earlier attempts are lost or overtaken; None if
+        unknown.
+        """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)

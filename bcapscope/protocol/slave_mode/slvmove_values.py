@@ -105,7 +105,7 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. From an unexpected form, return the elements that fit, and problems.
+    """Decode slvMove's parameter. If its form is unexpected, return the elements that fit, and the problems.
 
     `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
     None if its call was not captured.
@@ -133,7 +133,7 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. From an unexpected form, return the elements that fit, and problems.
+    """Decode slvMove's result. If its form is unexpected, return the elements that fit, and the problems.
 
     A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
     numbers counts as a pose of the slave mode's `pose_type`.
@@ -161,7 +161,9 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose if the value is a float array of exactly the right length, as usual; otherwise None."""
+    """Return the pose if the value has the usual form: a float array of exactly the right length. Otherwise,
+    return None.
+    """
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -255,8 +257,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Name the values of the elements by the arrangement `layout`, in order. The kind of an element
-    determines the type of the value: a tuple of numbers, an integer, or bytes. Also return the problems.
+    """Return the values of the elements by the names in the arrangement `layout`, and the problems. The kind
+    of an element determines the type of its value: a tuple of numbers, an integer, or bytes.
     """
     named: dict[str, Any] = {}
     problems: list[Message] = []

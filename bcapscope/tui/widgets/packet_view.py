@@ -39,7 +39,7 @@ _FOLDED_AT_FIRST = 6
 
 
 class _Entry(NamedTuple):
-    """An entry of the tree: a row of a section. `row` is None for the caption above a section."""
+    """A line of the tree: a field of a section, or the caption above the section if `row` is None."""
 
     section: int
     row: FieldRow | None
