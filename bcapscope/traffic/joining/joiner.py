@@ -123,6 +123,7 @@ class Joiner(LegJoiner):
         self.passing: set[Flow] = set()
         self._only = only
         self._hidden: set[Conversation] = set()
+        self._shown_legs: set[Conversation] = set()  # their other legs are hidden
         self._single_flows: set[Flow] = set()
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
@@ -157,6 +158,7 @@ class Joiner(LegJoiner):
         if self._only is not None:
             if side.place is self._only:
                 self._single.add(conversation)
+                self._shown_legs.add(conversation)
                 self._queue.add(observation)
             else:
                 self._hidden.add(conversation)
@@ -231,8 +233,10 @@ class Joiner(LegJoiner):
         for twin in twins:
             self._take_over(twin)
         if self._only is not None:
+            shown = twins[self._only]
+            self._release(shown)
+            self._shown_legs.add(shown.conversation)
             self._hidden.add(twins[1 - self._only].conversation)
-            self._release(twins[self._only])
             return
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
@@ -280,7 +284,9 @@ class Joiner(LegJoiner):
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
         """
-        waiting = self._queue.find(conversation) if conversation in self._single else []
+        if conversation not in self._single or conversation in self._shown_legs:
+            return None
+        waiting = self._queue.find(conversation)
         if not waiting:
             return None
         traffic = _NewConversation(waiting[0])
@@ -293,6 +299,7 @@ class Joiner(LegJoiner):
             self._single.clear()
             self._single_flows.clear()
             self._hidden.clear()
+            self._shown_legs.clear()
         self._single.add(new.conversation)
         for each in new.held:
             self._single_flows.add(each.flow)
