@@ -136,6 +136,10 @@ class Joiner(LegJoiner):
         """Number of requests that proxies sent on their own, for example to close a session."""
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
+    def expire(self, now: int) -> list[Observation]:
+        # the clock of `now` may be behind the clock of the packets, which only `add` follows
+        return super().expire(max(self._now, now))
+
     def close(self) -> list[Observation]:
         self._decide_all()
         due = super().close()

@@ -286,6 +286,17 @@ def test_a_clock_that_is_set_back_does_not_stop_the_output() -> None:
     assert out[-1].time < out[0].time
 
 
+def test_a_clock_that_is_behind_the_clock_of_the_packets_ends_no_hold() -> None:
+    script = ProxiedScript()
+    script.proxied_client().calls(0, 10, MOVE)
+    joiner = Joiner()
+    due = []
+    for seen in script.in_order():
+        due += [*joiner.add(seen), *joiner.expire(seen.time - 10_000 * MS)]
+    due += joiner.close()
+    assert [type(each) for each in due] == [JoinedObservation] * 20
+
+
 def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same() -> None:
     script = ProxiedScript()
     client = script.proxied_client()
