@@ -4,7 +4,7 @@ order of time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import permutations
 
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -267,8 +267,9 @@ class Joiner(LegJoiner):
             calls: Minimum number of nested calls that prove a second leg; 0 to use `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
+        waiting = self._waiting_traffic(new.suspects)
         for suspect in new.suspects:
-            other = self._new.get(suspect) or self._waiting_traffic(suspect)
+            other = self._new.get(suspect) or waiting.get(suspect)
             if other is None:
                 continue
             for outer, inner in permutations((new, other)):
@@ -281,21 +282,18 @@ class Joiner(LegJoiner):
         _, outer, inner = max(found, key=lambda each: (each[0].calls, -each[0].lag))
         return outer, inner
 
-    def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the traffic of a conversation without a second leg that waits behind a newer conversation;
-        None if no traffic waits.
+    def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
+        """Return the traffic of each suspect without a second leg that waits behind a newer conversation.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
         """
-        if conversation not in self._single or conversation in self._shown_legs:
-            return None
-        waiting = self._queue.find(conversation)
-        if not waiting:
-            return None
-        traffic = _NewConversation(waiting[0])
-        traffic.held = waiting[-HELD_FRAMES:]
-        return traffic
+        single = {each for each in suspects if each in self._single and each not in self._shown_legs}
+        found: dict[Conversation, _NewConversation] = {}
+        for conversation, waiting in (self._queue.find(single) if single else {}).items():
+            traffic = found[conversation] = _NewConversation(waiting[0])
+            traffic.held = waiting[-HELD_FRAMES:]
+        return found
 
     def _release(self, new: _NewConversation) -> None:
         """Release the held observations of a conversation that has no second leg."""
