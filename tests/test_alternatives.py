@@ -55,7 +55,7 @@ def _members(union: ast.expr) -> Iterator[str]:
 def tuples(module: ModuleType, names: tuple[str, ...]) -> set[type]:
     """Return those types of a union, the members of its aliases included, that compare as tuples do."""
     found = [getattr(module, name, None) for name in names]
-    types = {each for one in found for each in getattr(one, "__args__", (one,))}
+    types = [each for one in found for each in getattr(one, "__args__", (one,))]
     return {each for each in types if isinstance(each, type) and issubclass(each, tuple)}
 
 

@@ -40,7 +40,7 @@ MAX_RETRY_CHAINS = 12
 """Maximum number of calls that are shown frame by frame: those with the most retries, then the slowest."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""Maximum size in bytes of the frames of a call whose retries are shown one by one."""
+"""Only calls whose frames have at most this total size in bytes are shown frame by frame."""
 
 MAX_DAMAGED = 20
 
@@ -54,6 +54,8 @@ class DamagedFrame(NamedTuple):
     """A frame with problems, or bytes that are not a frame.
 
     Attributes:
+        time: Time when the damaged frame was captured, ns since 1970.
+        raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame.
         missing_bytes: Number of bytes that are missing from the capture in the TCP stream just before the
             damaged frame.
     """
@@ -82,6 +84,8 @@ class ReportData:
     """Data from one or more captures for a report.
 
     Attributes:
+        start: Time of the first frame, ns since 1970.
+        end: Time of the last frame, ns since 1970.
         timelines: Timelines of the clients; the client with the most calls comes first.
         slave_sessions_left_off: Number of slave-mode sessions that were counted but not kept, because there
             were more than `MAX_SESSIONS`.

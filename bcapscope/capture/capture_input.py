@@ -4,7 +4,7 @@ places.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
@@ -120,24 +120,14 @@ class CaptureInput:
             yield from joiner.add(observation)
         yield from joiner.close()
 
-    def pipeline(
-        self,
-        *subscribers: PipelineSubscriber,
-        handles: HandleTracker | None = None,
-        comments: Mapping[int, tuple[str, ...]] | None = None,
-    ) -> Pipeline:
+    def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input. The pipeline joins conversations that were captured at several
         places.
-
-        `comments` has the comments of each packet; the key is the packet number. Pass `comments` only if the
-        packets do not come from this input.
         """
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
 
-        self._joiner = (
-            Joiner(self.decoder.comments if comments is None else comments) if self._side is None else None
-        )
+        self._joiner = Joiner(self.decoder.comments) if self._side is None else None
         return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)
 
     @property

@@ -81,7 +81,7 @@ class CaptureSequence:
         names: Mapping[str, str],
         open_file: Callable[[str], CaptureFile],
         on_problem: Callable[[str, CaptureError], None],
-        clocks: Mapping[str, ClockEstimate] = {},
+        clocks: Mapping[str, ClockEstimate] | None = None,
     ) -> None:
         """Prepare to read captures.
 
@@ -91,13 +91,15 @@ class CaptureSequence:
             on_problem: Function that receives the path and the error of a capture that cannot be read to its
                 end. Reading continues with the next capture.
             clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
-                the path.
+                the path. If `clocks` is given, even empty, the captures are read one after another, in the
+                order of `paths`: the errors of two clocks can be larger than the time between two packets.
         """
         self.paths = list(paths)
         self.size: int | None = None
         self._open_file = open_file
         self._on_problem = on_problem
-        self._clocks = clocks
+        self._clocks = clocks or {}
+        self._in_turn = clocks is not None
         self._open: dict[int, CaptureFile] = {}
         self._bytes_finished = 0
         self._counts: list[int] = []
@@ -133,14 +135,15 @@ class CaptureSequence:
         return self._packets_by_time(inputs)
 
     def _packets_by_time(self, inputs: Sequence[_Input]) -> Iterator[Packet]:
-        streams = (index if each.size is None else -1 for index, each in enumerate(inputs))
+        in_turn = self._in_turn
+        streams = (index if in_turn or each.size is None else -1 for index, each in enumerate(inputs))
         for _, part in groupby(zip(streams, enumerate(inputs), strict=True), lambda each: each[0]):
             yield from self._merged(deque((index, each.began) for _, (index, each) in part))
 
     def _in_order(self) -> list[_Input]:
         """Return the captures in the order of reading. Leave out files that have no packet."""
         inputs = [_Input(path, 0, _file_size(path)) for path in self.paths]
-        if len(inputs) < 2:
+        if len(inputs) < 2 or self._in_turn:
             return inputs
         files = iter(sorted(self._dated(inputs), key=lambda each: each.began))
         ordered = (each if each.size is None else next(files, None) for each in inputs)
@@ -152,7 +155,7 @@ class CaptureSequence:
                 continue
             try:
                 with self._open_file(each.path) as file:
-                    first = next(self._timed(each.path, file), None)
+                    first = next(iter(file), None)
             except CaptureError as error:
                 self._on_problem(each.path, error)
                 continue

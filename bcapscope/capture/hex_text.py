@@ -14,18 +14,15 @@ from typing import NamedTuple
 
 from bcapscope.capture.hex_block import LARGEST_REPEAT, HexBlock
 from bcapscope.capture.hex_line import MIN_HEX_BYTES, EndOffset, HexDigits, LinePiece, ProseText, parse_line
-from bcapscope.capture.link_layer import ETHERNET
-from bcapscope.capture.packet import Interface
-from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.capture.role_detection import direction_evidence
-from bcapscope.capture.socket_recording import RAW_IP
+from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
+from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Malformed, parse_single_frame
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SMALLEST_FRAME, SOH
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
-from bcapscope.traffic.observation import Direction, ServerEvidenceKind
+from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
 """Maximum number of bytes that all asterisk lines of a text together may stand for. Without a limit, a short
@@ -69,6 +66,7 @@ _NAMES = (
     ),
 )
 
+_UDP, _TCP = 17, 6
 _SERIAL = slice(5, 7)
 
 
@@ -384,16 +382,23 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
     """Return the payload of a network packet, the direction by its ports, and the size of its headers."""
-    for linktype in (ETHERNET, RAW_IP):
-        packet = 0, data, len(data), Interface(linktype), ()
-        found = list(PacketDecoder().decode([packet]))
-        payload = b"".join(seen.item.raw for seen in found)
-        start = data.find(payload)
-        if start > 0 and _begins_as_frame(payload):
-            flow = found[0].flow
-            is_by_port = flow.conversation.server_evidence.kind is ServerEvidenceKind.PORT
-            return payload, flow.direction if is_by_port else None, start
+    for start in (find_ip(ETHERNET, data), 0):
+        packet = read_ip(data, start) if start != NOT_IP and data else None
+        if packet is None or packet.fragment is not None:
+            continue
+        segment = packet.payload
+        size = 8 if packet.protocol == _UDP else 4 * (segment[12] >> 4) if len(segment) > 12 else len(segment)
+        payload = segment[size:]
+        if packet.protocol in (_UDP, _TCP) and _begins_as_frame(payload):
+            return payload, _direction_by_ports(segment), data.index(segment) + size
     return data, None, 0
+
+
+def _direction_by_ports(segment: bytes) -> Direction | None:
+    source, target = (int.from_bytes(segment[at : at + 2]) in BCAP_PORTS for at in (0, 2))
+    if source == target:
+        return None
+    return Direction.RESPONSE if source else Direction.REQUEST
 
 
 def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:

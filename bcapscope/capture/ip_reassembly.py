@@ -47,7 +47,8 @@ class _PartialPacket:
             return
         stop = offset + len(payload)
         known = self._payloads.get(offset)
-        if known not in (None, payload) or not (more or self._size in (None, stop)):
+        is_new_end = not more and self._size != stop
+        if known not in (None, payload) or (is_new_end and (self._size, known) != (None, None)):
             self._mark_contradictory()
             return
         if not more:

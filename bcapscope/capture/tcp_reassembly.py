@@ -221,10 +221,7 @@ class TcpStream:
         self._keep_recent(part)
         self._marks.append(_ArrivalMark(start, stop, time, packet))
         if len(self._marks) > MARKS_LIMIT:
-            # join the second mark and the third: an unfinished frame needs only its first and its last mark
-            begin = self._marks[1].start
-            del self._marks[1]
-            self._marks[1] = self._marks[1]._replace(start=begin)
+            self._thin_marks()
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
@@ -233,6 +230,17 @@ class TcpStream:
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])
         self._recent.append(part)
+
+    def _thin_marks(self) -> None:
+        """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
+        unchanged.
+
+        A long frame needs only its first and its last mark. But if its length field turns out to be wrong,
+        the frames inside it need all marks.
+        """
+        marks = list(self._marks)
+        kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
+        self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
 
     def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
         """Deliver the held bytes that are now in order, and skip gaps that no further segment will fill."""

@@ -247,8 +247,9 @@ class PlayOutput:
             self._is_drawn = False
 
     def _print_data(self, lines: Iterable[str | bytes]) -> None:
-        for line in () if self._is_closed else lines:
-            echo(line)
+        for line in lines:
+            if not self._is_closed:  # the terminal can be closed between two lines
+                echo(line)
 
 
 class PlayRunner:
@@ -360,8 +361,12 @@ class PlayRunner:
         """Stop the robot at the first signal, and halt it at the second signal."""
         if number == _TERMINAL_CLOSED:
             self._output.close()
-        (self._player.halt if self._stop_requested else self._player.stop)()
-        self._stop_requested = True
+        # Set the flag first: the second signal may interrupt the handler of the first signal.
+        again, self._stop_requested = self._stop_requested, True
+        if again:
+            self._player.halt()
+        else:
+            self._player.stop()
         if self._is_prompting:
             raise KeyboardInterrupt  # ends the prompt
 

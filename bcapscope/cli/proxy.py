@@ -222,10 +222,11 @@ class _ProxyRun:
             opened.callback(control.close)
             print_stderr(self.words("rules.control", address=control.address))
         addresses = [proxy.listen(listener, self.forget_ns) for listener in self.listeners]
-        if scripts is not None and policy is not None:
+        if scripts is None or policy is None:
+            proxy.start_watcher()
+        else:
             scripts.attach(policy, proxy.relay, proxy.must_end_now)
-            proxy.wait_for(scripts.load)
-        proxy.start_watcher()
+            proxy.start_watcher(scripts.load)
         pairs = list(zip(self.listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]

@@ -175,7 +175,8 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         mark = error.problem_mark
         reason = foreign_text(error.problem or "no YAML")
         raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
-    except ValueError as error:  # A number with too many digits, or an invalid date, raises this error.
+    # PyYAML raises these errors for values that contradict their tag, and for invalid dates.
+    except (ValueError, LookupError, AttributeError) as error:
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 

@@ -110,6 +110,10 @@ class CpuWakefulness:
 
     def _forbid_deep_sleep(self, now: float) -> None:
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
+        if self._has_haltpoll and math.isnan(self._stolen_before):
+            # Nothing would show when the host takes too much time, so do not set the limit.
+            self._not_before = now + PAUSED_FOR
+            return
         try:
             # If the device file does not exist, this call does not create it.
             self._device = os.open(_DEVICE, os.O_WRONLY)

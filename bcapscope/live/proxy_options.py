@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from bcapscope.traffic.observation import Observation
     from bcapscope.traffic.pipeline import PipelineSubscriber
 
-CLOSE_SESSIONS, READY = b"close sessions", b"ready"
+BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
-The watcher sends `READY` when it is ready. The relay sends `CLOSE_SESSIONS`, and the watcher answers with a
-JSON list of `ClosingRequests`. All other messages from the relay are hints for the user, which the watcher
-prints if the proxy is too slow.
+The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
+watcher answers with a JSON list of `ClosingRequests`. All other messages from the relay are hints for the
+user, which the watcher prints if the proxy is too slow.
 """
 
 INCOMPLETE = 6
@@ -120,7 +120,9 @@ def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
     """
     from bcapscope.live.proxy_watcher import watch_relay
 
-    if relay.poll():  # the relay, which sends nothing before `READY`, has ended
+    try:
+        relay.recv_bytes()  # `BEGIN`
+    except (EOFError, OSError):  # the relay has ended
         return
     if not watch_relay(memory, relay, options):
         sys.exit(INCOMPLETE)

@@ -34,7 +34,7 @@ from bcapscope.live.relay_figures import DelayStatistics, losses, rates, totals
 from bcapscope.live.relayed_traffic import RelayedTraffic
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
-from bcapscope.live.watcher_priority import lower_priority, yield_function
+from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.messages.os_errors import os_reason
@@ -253,7 +253,7 @@ class ProxyWatcher:
         self._written_before = reader.bytes_written
         if (
             self._written_before == before
-            or reader.urgency
+            or reader.urgency >= WatcherUrgency.ALL
             or time.time_ns() - self._decoded_until > self._shown_within_ns
         ):
             return False

@@ -22,28 +22,41 @@ import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from enum import IntEnum
 from pathlib import Path
 
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
-LATE_AFTER = 0.3
-"""The watcher should read new records within this many seconds, so that traffic is recorded within a second.
-If the watcher takes longer, the relay raises the watcher's priority.
+LATE_AFTER = 0.2
+"""The watcher should read new records within this many seconds. If the watcher takes longer, the relay raises
+the watcher's priority.
+"""
+
+OVERDUE_AFTER = 0.4
+"""Delay of the watcher in seconds after which its urgency is `ALL`, so that traffic is recorded within a
+second.
 """
 
 MAX_RING_SHARE = 0.5
-"""If unread records fill more than this share of the ring, the relay raises the watcher's priority."""
+"""If unread records fill more than this share of the ring, the watcher's urgency is `ALL`."""
 
 IDLE_AGAIN_AFTER = 30.0
 """If the watcher was not late for this many seconds, it returns to idle priority."""
 
 
-class WatcherPriority:
-    """Gives the watcher idle priority while the watcher keeps up with the traffic.
+class WatcherUrgency(IntEnum):
+    """How urgently the watcher needs the processor."""
 
-    If the watcher is late, it gets the relay's priority, and `RingReader.urgency` is 1. The watcher then does
-    not yield the processor.
-    """
+    NONE = 0
+    """The watcher has idle priority, and yields the processor between pieces of work."""
+    SOME = 1
+    """The watcher has the relay's priority, and yields the processor between pieces of work."""
+    ALL = 2
+    """The watcher has the relay's priority, and does not yield the processor."""
+
+
+class WatcherPriority:
+    """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
         """Start with the watcher at idle priority. `set_idle` switches it to idle (True) or normal priority
@@ -51,43 +64,48 @@ class WatcherPriority:
         """
         self._ring = ring
         self._set_idle = set_idle
-        self._is_urgent = True
+        self._urgency = WatcherUrgency.ALL
         self._target_position, self._target_set_at, self._last_late_at = 0, 0.0, 0.0
-        self._set_urgent(False)
+        self._set_urgency(WatcherUrgency.NONE)
 
     def update(self, now: float) -> None:
         """Check how far the watcher has read, and adapt its priority. `now` is monotonic, in seconds."""
-        if self._is_late(now):
+        needed = self._needed_urgency(now)
+        if needed:
             self._last_late_at = max(now, self._last_late_at)
-            self._set_urgent(True)
+            self._set_urgency(max(needed, self._urgency))
         elif now - self._last_late_at >= IDLE_AGAIN_AFTER:
-            self._set_urgent(False)
+            self._set_urgency(WatcherUrgency.NONE)
 
     def raise_for_good(self) -> None:
-        """Raise the watcher's priority and keep it, because the user now waits for the watcher to end."""
+        """Set the highest urgency and keep it, because the user now waits for the watcher to end."""
         self._last_late_at = math.inf
-        self._set_urgent(True)
+        self._set_urgency(WatcherUrgency.ALL)
 
-    def _set_urgent(self, is_urgent: bool) -> None:
-        if is_urgent is not self._is_urgent:
-            self._is_urgent = is_urgent
-            self._ring.urgency = int(is_urgent)
-            self._set_idle(not is_urgent)
+    def _set_urgency(self, urgency: WatcherUrgency) -> None:
+        before, self._urgency = self._urgency, urgency
+        if urgency is not before:
+            self._ring.urgency = urgency
+        if bool(urgency) is not bool(before):
+            self._set_idle(not urgency)
 
-    def _is_late(self, now: float) -> bool:
+    def _needed_urgency(self, now: float) -> WatcherUrgency:
         ring = self._ring
         if ring.bytes_read >= self._target_position:
             self._target_position, self._target_set_at = ring.bytes_written, now
-        return now - self._target_set_at > LATE_AFTER or ring.fill_ratio > MAX_RING_SHARE
+        late = now - self._target_set_at
+        if late > OVERDUE_AFTER or ring.fill_ratio > MAX_RING_SHARE:
+            return WatcherUrgency.ALL
+        return WatcherUrgency.SOME if late > LATE_AFTER else WatcherUrgency.NONE
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor unless the watcher is late."""
+    """Return a function that yields the processor unless the watcher's urgency is `WatcherUrgency.ALL`."""
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
     def yield_cpu() -> None:
-        if not ring.urgency:
+        if ring.urgency < WatcherUrgency.ALL:
             os.sched_yield()
 
     return yield_cpu

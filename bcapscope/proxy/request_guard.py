@@ -176,7 +176,7 @@ def _is_whole(frame: Frame) -> bool:
 
 
 def _reads_one_way(frame: Frame) -> bool:
-    """Return whether all controllers agree that a frame is compressed, or all agree that it is plain.
+    """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
     A frame with a zlib header must unpack to a valid frame. It must also be too short for a plain frame: as a
     plain frame, the same bytes would announce at least 376 arguments.

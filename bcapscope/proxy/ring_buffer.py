@@ -167,7 +167,7 @@ class _Ring:
 
     @property
     def urgency(self) -> int:
-        """1 if the watcher process is late and must not yield the processor, else 0. The relay sets it."""
+        """How urgently the watcher process must read, as a number of `WatcherUrgency`. The relay sets it."""
         return self._marks[_URGENCY]
 
     @urgency.setter

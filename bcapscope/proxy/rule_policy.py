@@ -39,6 +39,11 @@ from bcapscope.proxy.script_queue import ScriptDecision, ScriptQueue
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
+_LONGEST_JOINED = 1 << 16
+"""Maximum size in bytes of a piece that is joined from smaller pieces: as much as the relay reads at once.
+Joining longer pieces takes too long, because each step copies all bytes, and the ring could not record them.
+"""
+
 
 class RulePolicy:
     """Decides what happens to each message. No method raises an exception unless its docstring says so, and
@@ -417,7 +422,11 @@ class RulePolicy:
             if not data:
                 return
         last = work.actions[-1] if work.actions and state.is_stream and note is None else None
-        if isinstance(last, SendAction) and last == SendAction(state.client, direction, last.data):
+        if (
+            isinstance(last, SendAction)
+            and last == SendAction(state.client, direction, last.data)
+            and len(last.data) + len(data) <= _LONGEST_JOINED
+        ):
             work.actions[-1] = SendAction(state.client, direction, last.data + data)
         else:
             work.actions.append(SendAction(state.client, direction, data, note))

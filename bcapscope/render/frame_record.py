@@ -101,7 +101,9 @@ class _ArgumentConverter:
 def _without_numbers(value: object) -> object:
     if isinstance(value, str):
         return text_fragment(value)
-    return list(map(_without_numbers, value)) if isinstance(value, (tuple, bytes)) else value
+    if isinstance(value, bytes):
+        return orjson.Fragment(_bytes_list(value))
+    return list(map(_without_numbers, value)) if isinstance(value, tuple) else value
 
 
 def _bytes_list(value: object) -> bytes:

@@ -188,6 +188,7 @@ def _position_text(value: float) -> str:
 
 
 def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
+    """Yield the histogram of the times from one set point to the next in ms, one line per bin."""
     bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
     edges = sorted({edge for each in bins for edge in (each.low, each.high)})
     yield from histogram(bins, edges, palette)

@@ -1,4 +1,4 @@
-"""Replies to bcapscope's own calls, and replayed calls, as text lines and as JSON objects."""
+"""Text lines and JSON objects for the replies to bcapscope's own calls, and for replayed calls."""
 
 from __future__ import annotations
 

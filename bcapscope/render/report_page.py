@@ -154,7 +154,9 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return ``error``, ``warning`` or ``good``, the number of findings, and the sentence of the first."""
+    """Return ``error``, ``warning`` or ``good``, a text with the number of findings, and the sentence of the
+    first finding; "" instead of the sentence if the verdict is ``good``.
+    """
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:

@@ -38,7 +38,7 @@ class CaptionWriter:
     words: MessageFormatter
 
     def text(self, text: Message | str) -> str:
-        """Return a message as escaped text. A string must be escaped already."""
+        """Return the escaped text of a message. Return a string unchanged; it must be escaped already."""
         return printable(self.words.text(text)) if isinstance(text, Message) else text
 
     def label(self, id: str, /, **places: PlaceValue) -> str:

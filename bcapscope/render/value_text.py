@@ -18,12 +18,12 @@ LONGEST_STRING = 60
 """By default, the text of a string shows at most this many characters."""
 
 MAX_ELEMENTS = 512
-"""The values of a reply show at most this many elements of an array."""
+"""The text of a reply's value shows at most this many elements of an array."""
 
 LONGEST_REPLY_STRING = 4000
-"""The values of a reply show at most this many characters of a string."""
+"""The text of a reply's value shows at most this many characters of a string."""
 
-_DECIMALS = 5  # as DENSO's b-CAP Tester shows (DENSO Wave 2009, How to use the Slave mode)
+_DECIMALS = 5  # as in DENSO's b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)
 _EMPTY = "(EMPTY)"
 
 

@@ -48,7 +48,9 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest time in ns within all limits. `speed` is a share of the speed limits."""
+    """Return the shortest duration in ns that keeps each axis within its limits of speed and acceleration.
+    `speed` is a share of the speed limits.
+    """
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)

@@ -11,11 +11,13 @@ class Certainty(StrEnum):
     """How certain it is that a real controller behaves like the simulator."""
 
     DOCUMENTED = "documented"
-    """A document or list of DENSO, or a published description of DENSO's commands, says so."""
+    """A document or list from DENSO, or a published description of DENSO's commands, states the behaviour."""
     OBSERVED = "observed"
     """DENSO's server or driver, a published capture or a report of users shows the behaviour."""
     ASSUMED = "assumed"
-    """No source states the behaviour. The simulator has the likeliest or the simplest that works."""
+    """No source states the behaviour. The simulator does what is most likely, or the simplest thing that
+    works.
+    """
 
 
 class Behaviour(NamedTuple):

@@ -22,7 +22,7 @@ class CallContext:
 
     Attributes:
         arguments: Arguments of the function, without the handle of `object`.
-        parameter: Parameter of the command that the call runs, or the value that it writes.
+        parameter: Parameter of the command that the call runs, or the value that the call writes.
     """
 
     machine: Machine
@@ -39,7 +39,7 @@ class CallContext:
         return items_of(self.parameter)
 
     def real_array(self, numbers: Iterable[float]) -> Variant:
-        """Return numbers as an array of the type that the profile has for numbers in poses."""
+        """Return numbers as an array of the type that the profile uses for the numbers of a pose."""
         return float_array(self.machine.profile.real, numbers)
 
     def current_pose(self, pose_type: PoseType) -> Variant:
@@ -52,7 +52,7 @@ class CallContext:
 
 
 CallHandler: TypeAlias = Callable[[CallContext], HandlerOutcome]
-"""Python function that executes a b-CAP function or a command."""
+"""Python function that executes a b-CAP function, or a command with `CallContext.parameter`."""
 
 CommandTable: TypeAlias = Mapping[str, CallHandler]
 """Handlers of commands, by command name in lower case."""

@@ -157,7 +157,9 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the value if there is one; otherwise, the profile decides between EMPTY and no argument."""
+        """Return the arguments of a reply: its value, if there is one. If a function that can return a value
+        returns none, the profile decides between EMPTY and no argument.
+        """
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

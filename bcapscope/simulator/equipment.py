@@ -129,7 +129,7 @@ class Hand:
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which the fingers hit the object in a motion that is not a grip, or None."""
+        """Time in ns at which the fingers hit the object in a motion without a grip; None if they do not."""
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
@@ -156,7 +156,7 @@ class Hand:
             self.motion_count += 1
 
     def lose_grip(self) -> None:
-        """Release the gripped object, as a hand does without the motor's power (error 80500371)."""
+        """Release the gripped object, as a hand does when the motor has no power (error 80500371)."""
         self._force = 0.0
         self._touches_object = False
 
@@ -169,7 +169,7 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: `time` after SyncTimeStart until SyncTimeEnd, and `move` after SyncMoveStart until
+        brackets: Contains `time` from SyncTimeStart to SyncTimeEnd, and `move` from SyncMoveStart to
             SyncMoveEnd.
     """
 

@@ -60,7 +60,9 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 
 
 def _move_to(context: CallContext, relative: bool = False, grips: bool = False) -> HandlerOutcome:
-    """Run HandMoveA, ...R, ...AH or ...RH: width or distance [mm], speed [%] and, for a grip, force [N]."""
+    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH. Parameters: width or distance [mm], speed [%] and,
+    for a grip, force [N].
+    """
     items, hand = context.items, context.machine.equipment.hand
     goal = items.number(0) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, items.number(1))
@@ -185,7 +187,7 @@ def _force(hand: Hand, force: float) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT is given. The option DetectOn has no effect."""
+    """Return whether the option NEXT ends the call before the motion. The option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
@@ -235,7 +237,7 @@ def _switch_bracket(context: CallContext, name: str, opens: bool) -> None:
 
 
 def _force_control(context: CallContext) -> None:
-    """Run ForceCtrl: on or off, a number 1..10 and a mode. No force control changes a motion."""
+    """Run ForceCtrl. Parameters: on or off, a number 1..10 and a mode. Force control changes no motion."""
     context.machine.check_arm(context.client)
     if context.items.integer(0) != 0:
         context.items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)

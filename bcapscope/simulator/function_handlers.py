@@ -171,7 +171,9 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext) -> Variant:
-    """Run Controller_GetMessage, which returns the newest active error, or refuses the call."""
+    """Run Controller_GetMessage. Return the handle of a message that holds the newest active error; refuse
+    the call if no error is active.
+    """
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
@@ -189,7 +191,9 @@ def _get_message(context: CallContext) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> CallHandler:
-    """Return a handler for an ..._Execute function. It refuses the commands that the profile lacks."""
+    """Return a handler for an ..._Execute function. The handler refuses unknown commands, and commands that
+    the profile lacks.
+    """
 
     def execute(context: CallContext) -> HandlerOutcome:
         arguments = context.arguments

@@ -134,7 +134,7 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""Allowed numbers of values in a set point. Fig may be missing, and one more value may follow."""
+"""How many values a set point may contain. Fig may be missing, and one more value may follow."""
 
 
 Vector: TypeAlias = tuple[float, float, float]

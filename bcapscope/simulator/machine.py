@@ -35,7 +35,7 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Number of the arm's owner while the pendant or another network has it. Numbers of clients start at 1."""
+"""Owner number of the arm while the pendant or another network owns it. Client numbers start at 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Speeds:
     deceleration: float = 100.0
 
     def set_percent(self, refusal: int, **values: float) -> None:
-        """Set some values. Refuse the call with `refusal` unless all are above 0 and at most 100."""
+        """Set percentages. Refuse the call with `refusal` unless all are above 0 and at most 100."""
         if not all(0 < value <= 100 for value in values.values()):
             raise RefusedError(refusal)
         for name, value in values.items():

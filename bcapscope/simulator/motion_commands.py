@@ -44,7 +44,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Move. The arm moves along lines and circles as in PTP, and not at all in a free curve."""
+    """Run Robot_Move. Lines and circles are simulated as PTP motions. A free curve does not move the arm."""
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))
@@ -73,7 +73,7 @@ def _poses(pose: Variant) -> tuple[Variant, ...]:
 
 
 def drive(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Drive. Its option contains the pass, such as @P or @E."""
+    """Run Robot_Drive. The pass, such as @P or @E, is part of the option."""
     arguments = context.arguments
     axis_move = arguments.integer(0), arguments.number(1)
     option = arguments.text(2, default="")
@@ -173,7 +173,7 @@ def _before_position(joints: Joints, distance: float) -> Joints:
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Return distance in mm and pass, from text such as `@P 10`, a number, or `[10, "", "@P"]`."""
+    """Read text such as `@P 10`, a number, or `[10, "", "@P"]`; return the distance in mm and the pass."""
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)

@@ -29,8 +29,8 @@ class ControllerObject:
 
     Attributes:
         values: Values that the object holds, such as a command's parameters. "tag" and "id" are the values
-            that the client stored with PutTag and PutID. The id may be the number of a variable whose name
-            ends in `*`.
+            that the client stored with PutTag and PutID. If a variable's name ends in `*`, the id is the
+            number of the variable.
     """
 
     handle: int

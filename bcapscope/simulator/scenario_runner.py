@@ -36,7 +36,8 @@ from bcapscope.traffic.observation import (
 )
 
 MAX_LINES = 1024
-"""Maximum number of clients. Beyond it, the runner forgets the UDP client that was silent longest."""
+"""Maximum number of clients. Beyond this limit, the runner drops the UDP client that has been silent longest.
+"""
 
 _HERE = Endpoint("simulator", 0)
 

@@ -65,7 +65,9 @@ class HostedClient(Protocol):
 
 
 ClientFactory: TypeAlias = Callable[[int, bool, Callable[[CallReport], None]], HostedClient]
-"""Creates a client from its number, whether it uses UDP, and a function that gets each answered call."""
+"""Creates a client. Arguments: the client's number, whether the client uses UDP, and a function that gets
+each answered call.
+"""
 
 
 class _Link(NamedTuple):
@@ -74,7 +76,9 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame, else None. A flood needs a fast check."""
+    """Return the frame if a datagram is exactly one valid frame, else None. The check is fast, because
+    datagrams may arrive in a flood.
+    """
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
@@ -98,7 +102,7 @@ class ClientHost:
     closes_on_bad_frame = True
 
     def __init__(self, new_client: ClientFactory, report: Callable[[Peer, CallReport], None]) -> None:
-        """Start without clients. `report` is called with the client and the call after each answered call."""
+        """Start without clients. After each answered call, `report` gets the client and the call."""
         self.dropped = 0
         self._new_client = new_client
         self._report = report
@@ -167,7 +171,7 @@ class ClientHost:
         return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
-        """Return the latest time in ns for the next `advance`; None if nothing is in progress."""
+        """Return the time in ns by which to call `advance` next; None if nothing is in progress."""
         return self._earliest_due(None, now)
 
     def _earliest_due(self, due: int | None, now: int) -> int | None:

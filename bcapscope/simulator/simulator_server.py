@@ -34,7 +34,7 @@ LARGEST_BACKLOG = 1 << 20
 """Maximum number of bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Longest wait in seconds, after which the server notices an interrupt on every system."""
+"""Longest wait for traffic in seconds. On every system, the server notices an interrupt after the wait."""
 
 # Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
 # processor takes longer than answering a call. If the server yielded the processor instead, another program

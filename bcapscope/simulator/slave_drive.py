@@ -101,7 +101,9 @@ class SlaveDrive:
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
     def advance(self, now: int) -> int | None:
-        """Consume the set points due by `now`; return the first error, of the time `next_tick`, or None."""
+        """Consume the set points due by `now`. Stop at the first error, which occurs at `next_tick`, and
+        return its code; return None if there is no error.
+        """
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS

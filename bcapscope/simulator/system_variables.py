@@ -98,7 +98,7 @@ def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
 
 
 def _owner(context: CallContext) -> ControllerObject:
-    """Return the object that has the variable."""
+    """Return the object that owns the variable."""
     owner = context.object.parent
     assert owner is not None
     return owner

@@ -64,8 +64,8 @@ class RecordingContext(ABC):
 
     @abstractmethod
     def _start(self, opened: ExitStack) -> tuple[int, ...]:
-        """Start to serve and record. Return the ports of the controllers in the recording; the first is for
-        clients. The exit stack `opened` is closed after `_stop` has run.
+        """Start to serve and record. Return the ports that controllers have in the recording; clients connect
+        to the first. The exit stack `opened` is closed after `_stop` has run.
         """
 
     @abstractmethod

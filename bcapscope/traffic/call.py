@@ -62,7 +62,7 @@ class FrameRole(StrEnum):
 
 
 class CallState(StrEnum):
-    """State of a call. `pairing_states` says which event leads from which state to which other state."""
+    """State of a call. `pairing_states` defines the transitions between the states."""
 
     WAITING = "waiting"
     """The client waits for the reply."""

@@ -11,8 +11,8 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes that `CallKinds` remembers. Beyond this limit, it learns them again. A
-session has a few dozen prefixes: one per pair of handle and command.
+"""Maximum number of request prefixes that `CallKinds` remembers. Beyond this limit, it forgets all prefixes.
+A session has a few dozen prefixes: one per pair of handle and command.
 """
 
 MAX_SERIALS = 1024
@@ -111,8 +111,8 @@ class CallKinds:
 
 
 class RecentRequests:
-    """Remembers recent requests, so that a reply can be shown with the function of its request: the latest
-    request with the same serial.
+    """Remembers recent requests, so that a reply can be shown with the function of its request. The request
+    of a reply is the latest request with the same serial.
     """
 
     def __init__(self) -> None:

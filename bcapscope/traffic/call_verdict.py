@@ -185,8 +185,8 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether each lost reply may have crossed the client's next attempt, captured or not, on the
-    network.
+    """Return whether each lost reply may have crossed the client's next attempt on the network. The capture
+    may lack this attempt.
     """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]

@@ -90,7 +90,7 @@ class CrossingWindow:
 
     @property
     def nanoseconds(self) -> int:
-        """Maximum time in ns between a reply and a retry that may have crossed."""
+        """Maximum time in ns between a reply and a retry that may have crossed each other on the network."""
         if self._taken_at is CapturePoint.CLIENT:
             return CROSSING_AT_CLIENT_NS
         if len(self._shortest) < _REACTIONS:

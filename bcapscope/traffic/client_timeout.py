@@ -77,7 +77,9 @@ def waits_in_vain(call: Call, now: int) -> bool:
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return the time in ns that this number of timeouts takes; 0 if the call does not show the timeout."""
+    """Return how long this number of timeouts takes in ns, at least `SHORTEST_SILENCE_NS`; 0 if the call does
+    not show the timeout.
+    """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 

@@ -55,7 +55,7 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Bytes of all open calls, in all conversations.
+            budget: Counts the bytes of all open calls, in all conversations.
             kinds: Call kinds of the requests of all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """

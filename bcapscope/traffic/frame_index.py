@@ -12,10 +12,10 @@ class FrameIndex:
     """Finds the attempts and replies of one open call by their bytes and serials.
 
     Attributes:
-        sent_at: Latest time at which the bytes of an attempt were captured.
-        reserved_by_serial: Reserved field of the latest attempt with a serial.
-        received_at: Latest time at which the bytes of a reply were captured. Notices, and replies that did
-            not reach the client's side, are left out.
+        sent_at: Maps the bytes of each attempt to the latest time at which they were captured.
+        reserved_by_serial: Maps each serial to the reserved field of the latest attempt with this serial.
+        received_at: Maps the bytes of each reply to the latest time at which they were captured. Notices, and
+            replies that did not reach the client's side, are left out.
     """
 
     def __init__(self, call: Call) -> None:

@@ -44,8 +44,9 @@ class HandleSequence:
         self._last_handle = handle
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
-        """Return whether the client received the handle of an object that `call` opens, although no reply was
-        captured: the controller accepts a handle that no captured reply of the session gave.
+        """Return whether the client received a reply to `call`, which opens an object, although no reply was
+        captured. The proof is that the controller later accepts a handle that no captured reply of the
+        session gave.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

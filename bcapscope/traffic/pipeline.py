@@ -50,11 +50,11 @@ class PipelineSubscriber:
         """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Process a completed call. `target` is the object of its handle; None if unknown."""
+        """Process a completed call. `target` is the object that its handle refers to; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber
-        without this method gets them one by one through `on_call`.
+        without this method gets the set points one by one through `on_call`.
         """
 
     def on_stray_reply(self, stray: StrayReply) -> None:
@@ -149,7 +149,7 @@ class Pipeline:
     def finish(self, ended_at: int = 0) -> None:
         """Complete all open calls, because the traffic has ended.
 
-        `ended_at` is the time when it ended, ns since 1970; 0 if it ended with the last observation.
+        `ended_at` is the time when the traffic ended, ns since 1970; 0 for the time of the last observation.
         """
         if self._joiner is not None:
             self.add_joined(self._joiner.close())

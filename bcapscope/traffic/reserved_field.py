@@ -16,8 +16,8 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the updated usage after a request on TCP. If serial and reserved field are both 1, this
-        field may hold a version mark or the serial.
+        """Return the updated usage after a request on TCP. If serial and reserved field are both 1, the usage
+        does not change: the 1 may be the protocol version or the serial.
         """
         if reserved == serial == 1:
             return self
@@ -28,7 +28,9 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Return the updated usage after a first attempt on UDP, which has 0 or its own serial."""
+        """Return the updated usage after a first attempt on UDP, whose reserved field holds 0 or its own
+        serial.
+        """
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
         return (

@@ -39,7 +39,7 @@ class SerialTable:
             self.open_calls[serial] = call
 
     def release_all(self, call: Call) -> None:
-        """Release every serial of a call, even those that only its retries name."""
+        """Release every serial of a call, and the serial in the reserved field of its request."""
         reserved = call.request.item.reserved
         for serial in {*call.serials, *call.unseen_serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)

@@ -28,7 +28,7 @@ stays within this limit.
 """
 
 SWEEP_NS = 50_000_000
-"""Time in ns between two searches for settled calls, by the times of the observations."""
+"""Time in ns between two searches for settled calls, measured in the times of the observations."""
 
 _REQUEST = Direction.REQUEST
 

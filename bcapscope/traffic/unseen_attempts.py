@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A restart of the client causes larger gaps.
+"""Maximum number of successive attempts that were not captured. A restart of the client causes larger gaps in
+the serials.
 """
 
 

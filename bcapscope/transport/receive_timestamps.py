@@ -32,7 +32,7 @@ def enable_receive_timestamps(sock: socket.socket) -> None:
 
 
 def receive_function(sock: socket.socket) -> ReceiveFunction:
-    """Return the socket's `recvmsg`, or a replacement that gives no ancillary data."""
+    """Return the socket's `recvmsg`; on systems without it, a replacement that returns no ancillary data."""
     return getattr(sock, "recvmsg", None) or partial(_receive_without_ancillary, sock)
 
 

@@ -30,7 +30,7 @@ _NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    pass
+    """The options of a capture interface are invalid; the error text names the invalid option."""
 
 
 class DialogType(StrEnum):

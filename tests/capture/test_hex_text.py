@@ -261,6 +261,19 @@ def test_whole_packets_of_a_network_card(
     assert notes_of(read) == (f"removed {skipped} bytes of network headers",)
 
 
+@pytest.mark.parametrize(
+    "part",
+    [
+        udp(CLIENT, SERVER._replace(port=5008), MOVE)[:-5],
+        udp(CLIENT, SERVER._replace(port=5008), MOVE[:-5]),
+        tcp(CLIENT, SERVER._replace(port=5008), seq=1, ack=1, flags=24, payload=MOVE[:-5]),
+        tcp(CLIENT, SERVER, seq=1, ack=1, flags=4, payload=MOVE[:-5]),
+    ],
+)
+def test_a_part_of_a_frame_in_a_packet_of_any_ports(part: bytes) -> None:
+    assert found(wireshark_dump(ethernet(CLIENT, SERVER, part))) == [MOVE[:-5]]
+
+
 def test_packets_of_other_protocols_stay_as_they_are() -> None:
     other = ethernet(CLIENT, SERVER, udp(CLIENT, SERVER, b"\x1c" + bytes(47)))
     assert found(wireshark_dump(other)) == [other]

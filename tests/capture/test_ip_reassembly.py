@@ -85,6 +85,14 @@ def test_parts_that_contradict_each_other_spoil_the_packet() -> None:
         assert counts.fragments_lost == 1
 
 
+def test_a_part_that_others_follow_cannot_become_the_last_one() -> None:
+    fragments = IpReassembly(counts := CaptureCounts())
+    assert fragments.add(part(0, b"first 8 ", True), 1) is None
+    assert fragments.add(part(0, b"first 8 ", False), 2) is None
+    fragments.close()
+    assert counts.fragments_lost == 1
+
+
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_a_part_behind_the_end_does_not_stand_in_for_a_missing_one(order: tuple[int, ...]) -> None:
     """As many bytes as the packet has, and yet not all of it."""

@@ -268,6 +268,20 @@ def test_times_stay_bounded_in_a_frame_of_countless_segments() -> None:
     assert [(s.began, s.time, s.item.raw) for s in found] == [(0, len(long) - 1, long)]
 
 
+def test_frames_inside_a_wrong_length_keep_about_their_times() -> None:
+    made = stream()
+    whole, released = [request(serial) for serial in range(1, 1001)], MARKS_LIMIT * 6
+    wrong = whole[0][:1] + (released * len(whole[0]) + 1).to_bytes(4, "little") + whole[0][5:]
+    found: list[TimedItem] = []
+    for number, data in enumerate([wrong, *whole[1:]]):
+        found += made.receive(segment(number * len(data), data), number, number)
+    frames = [timed_item for timed_item in found if timed_item.item.raw in whole]
+    assert len(frames) == 999
+    for number, timed_item in enumerate(frames, 1):
+        assert timed_item.packet == timed_item.time
+        assert number <= timed_item.time <= number + max(released - number, 0) / 2 + 1
+
+
 def test_bytes_outside_of_frames_have_the_times_of_their_own_segments() -> None:
     made = stream()
     for number, data in enumerate((b"garbage", b"more", FRAMES[0][:20]), 1):

@@ -204,3 +204,19 @@ def test_the_rings_of_both_ends_are_one_conversation(tmp_path: Path) -> None:
     assert verdicts(calls) == {30: "request lost", 75: "reply lost"}
     (figures,) = json_lines("stats", *paths)
     assert len(figures["clients"]) == 1
+
+
+def test_files_of_one_place_stay_in_order_although_their_clock_estimates_differ(tmp_path: Path) -> None:
+    """Slow replies shift the first estimate by 2 ms, and the second files begin with a reply."""
+    places = both_ends().poll(200)
+    near, far = places.near.packets, places.far.packets
+    near[1:200:2] = [packet._replace(time=packet.time + 4 * MS) for packet in near[1:200:2]]
+    files = {"near-1": near[:201], "near-2": near[201:], "far-1": far[:201], "far-2": far[201:]}
+    paths = [tmp_path / f"{name}.pcap" for name in files]
+    for path, packets in zip(paths, files.values(), strict=True):
+        path.write_bytes(pcap(packets, nanoseconds=True))
+    calls = json_lines("calls", *paths)
+    assert len(calls) == 200
+    seen = [each["controller_side"] for call in calls for each in call["places"]]
+    assert len(seen) == 400
+    assert seen == sorted(seen)

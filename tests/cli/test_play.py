@@ -7,6 +7,7 @@ import json
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
 import termios
@@ -15,10 +16,14 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from bcapscope.cli.play import PlayOutput, PlayRunner
+from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.render.color_palette import PLAIN
 from tests.cli.run import CAPTURES, Ran, run_here
 from tests.cli.test_sim import simulator
 from tests.client.peer import Peer
@@ -242,3 +247,37 @@ def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code:
     moved = [call for call in peer.executed if "slvMove" in call]
     assert len(moved) == (14 if code == 0 else 0)
     assert peer.functions[-1] == "Service_Stop"
+
+
+def test_a_second_ctrl_c_halts_even_while_the_first_one_waits_for_the_player() -> None:
+    orders: list[str] = []
+    nothing: Any = None
+    runner = PlayRunner(nothing, nothing, nothing)
+
+    class Hanging:
+        """A player that reads no orders, so that `stop` waits and the next signal interrupts it."""
+
+        def stop(self) -> None:
+            orders.append("stop")
+            if len(orders) < 3:
+                runner._on_signal(signal.SIGINT, None)
+
+        def halt(self) -> None:
+            orders.append("halt")
+
+    player: Any = Hanging()
+    runner._player = player
+    runner._on_signal(signal.SIGINT, None)
+    assert orders == ["stop", "halt"]
+
+
+def test_nothing_more_is_printed_once_the_terminal_is_closed(capsys: pytest.CaptureFixture[str]) -> None:
+    output = PlayOutput(False, PLAIN, 80, ENGLISH_WORDS)
+
+    def lines() -> Iterator[str]:
+        yield "before"
+        output.close()
+        yield "after"
+
+    output._print_data(lines())
+    assert capsys.readouterr().out == "before\n"

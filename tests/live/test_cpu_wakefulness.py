@@ -300,6 +300,9 @@ def test_what_cannot_be_asked_is_left(tmp_path: Path, device: Path) -> None:
     be_driven_by(tmp_path, "intel_idle", 1 << 32)
     assert not set_limit(CpuWakefulness())
     assert not device.read_bytes()
+    (tmp_path / "cpuidle" / "current_driver").write_text("haltpoll")
+    (tmp_path / "stat").unlink()
+    assert not set_limit(CpuWakefulness())
     assert descriptors() == before
 
 

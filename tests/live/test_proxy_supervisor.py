@@ -73,6 +73,20 @@ def test_a_terminal_that_is_closed_does_not_ask_to_end_at_once() -> None:
         assert proxy.must_end_now()
 
 
+def test_of_two_signals_before_the_start_the_second_ends_the_proxy_at_once() -> None:
+    here, there = socket.socketpair()
+    here.setblocking(False)
+    with (
+        here,
+        there,
+        closing(ProxySupervisor(ProxyOptions(None, None, ViewOptions(None), "never"), here)) as proxy,
+    ):
+        there.send(bytes([signal.SIGINT, signal.SIGINT]))
+        with pytest.raises(KeyboardInterrupt):
+            proxy.start_watcher(lambda seconds: False)
+        assert proxy.must_end_now()
+
+
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="there is no such thing")
 def test_memory_that_is_too_small_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: int) -> None:

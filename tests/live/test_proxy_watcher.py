@@ -7,6 +7,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,7 @@ import pytest
 
 from bcapscope.analysis import finding_collector, report_data
 from bcapscope.analysis.slave import controller_state, session_detector
+from bcapscope.capture import socket_recording
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.live import proxy_watcher
 from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions, WatcherSubscriber
@@ -23,6 +25,7 @@ from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_watcher import ProxyWatcher, RecorderTask
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
+from bcapscope.live.watcher_priority import WatcherUrgency
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
@@ -160,6 +163,8 @@ def test_clients_that_have_gone_are_forgotten_with_all_that_they_hold(
 ) -> None:
     for module, most in LATEST:
         monkeypatch.setattr(module, most, 16)
+    header = socket_recording._datagram_header.__wrapped__
+    monkeypatch.setattr(socket_recording, "_datagram_header", lru_cache(16)(header))
     others = held()  # what tests before this one have left
     chain = Chain(tmp_path / "all.pcapng", shown, form)
 
@@ -180,6 +185,7 @@ def test_clients_that_have_gone_are_forgotten_with_all_that_they_hold(
     many -= others
     assert sum(many.values()) < 7_000, many.most_common(9)
     assert chain.screen.lines >= 2 * FEW * 9
+    chain.end()
 
 
 class Ended:
@@ -254,9 +260,9 @@ def test_others_have_a_tick_for_themselves_while_more_comes_but_not_once_all_is_
     assert rests == [proxy_watcher.POLL_INTERVAL, proxy_watcher.POLL_INTERVAL, proxy_watcher.POLL_INTERVAL, 0]
     assert rest_after(more=False) == proxy_watcher.POLL_INTERVAL  # there was nothing to do
     rest_after(more=True)
-    chain.ring.urgency = 1
+    chain.ring.urgency = WatcherUrgency.ALL
     assert rest_after(more=True) == 0
-    chain.ring.urgency = 0
+    chain.ring.urgency = WatcherUrgency.NONE
     assert rest_after(more=True) == proxy_watcher.POLL_INTERVAL
     chain.now -= 3000 * MS  # what comes is shown that late
     assert rest_after(more=True) == proxy_watcher.POLL_INTERVAL

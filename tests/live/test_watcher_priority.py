@@ -12,7 +12,9 @@ from bcapscope.live.watcher_priority import (
     IDLE_AGAIN_AFTER,
     LATE_AFTER,
     MAX_RING_SHARE,
+    OVERDUE_AFTER,
     WatcherPriority,
+    WatcherUrgency,
     _can_leave_idle_priority,
     idle_priority_switch,
     yield_function,
@@ -56,24 +58,24 @@ def test_what_is_not_recorded_in_time_ends_it_and_time_without_delay_brings_it_b
     scene.pass_for(2)
     scene.pass_for(2 * LATE_AFTER, recorded=False, decoded=False)
     assert scene.asked == [True, False]
-    assert scene.recorder.urgency == 1
+    assert scene.recorder.urgency == WatcherUrgency.SOME
     scene.pass_for(IDLE_AGAIN_AFTER - 1)
     assert scene.asked == [True, False]
     scene.pass_for(2)
     assert scene.asked == [True, False, True]
-    assert scene.recorder.urgency == 0
+    assert scene.recorder.urgency == WatcherUrgency.NONE
 
 
 def test_what_is_overdue_gives_others_no_turn_until_there_is_time_again() -> None:
     scene = Scene()
     scene.pass_for(2)
-    scene.pass_for(2 * LATE_AFTER, recorded=False, decoded=False)
-    assert scene.decoder.urgency == 1
-    scene.pass_for(2 * LATE_AFTER, recorded=False, decoded=False)
+    scene.pass_for(OVERDUE_AFTER + 0.2, recorded=False, decoded=False)
+    assert scene.decoder.urgency == WatcherUrgency.ALL
+    scene.pass_for(LATE_AFTER + 0.2, recorded=False, decoded=False)
     scene.pass_for(IDLE_AGAIN_AFTER - 1)
-    assert scene.decoder.urgency == 1
+    assert scene.decoder.urgency == WatcherUrgency.ALL
     scene.pass_for(2)
-    assert scene.decoder.urgency == 0
+    assert scene.decoder.urgency == WatcherUrgency.NONE
     assert scene.asked == [True, False, True]
 
 
@@ -82,8 +84,8 @@ def test_others_have_their_turn_but_not_when_all_haste_is_needed(monkeypatch: py
     scene, yields = Scene(), []
     monkeypatch.setattr(os, "sched_yield", lambda: yields.append(scene.now))
     give = yield_function(scene.decoder)
-    for urgency, count in ((0, 1), (1, 1), (0, 2)):
-        scene.writer.urgency = urgency
+    for haste, count in ((WatcherUrgency.NONE, 1), (WatcherUrgency.SOME, 2), (WatcherUrgency.ALL, 2)):
+        scene.writer.urgency = haste
         give()
         assert len(yields) == count
 
@@ -122,7 +124,7 @@ def test_at_the_end_it_gives_way_no_more() -> None:
         scene.courtesy.raise_for_good()
         scene.pass_for(IDLE_AGAIN_AFTER + 1)
         assert scene.asked == [True, False]
-        assert scene.decoder.urgency == 1
+        assert scene.decoder.urgency == WatcherUrgency.ALL
 
 
 @POLICIES

@@ -25,8 +25,8 @@ LOCALE = PACKAGE / "messages" / "locale"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 KINDS = [each for each in vars(places_module).values() if isinstance(each, type) and issubclass(each, Place)]
 TYPES = {kind.type_name for kind in KINDS if hasattr(kind, "type_name")} | {"message", ""}
-MAKERS = ("Message", "words", "label")
-"""What makes a message from a literal id."""
+MAKERS = {"Message": (), "words": (), "label": (), "reason_from_call": ("call", "at")}
+"""What makes a message from a literal id, and the places that it adds."""
 
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|slv\w+)\b")
 """What a translation neither loses nor changes: result codes, modes, and slave-mode commands."""
@@ -91,7 +91,7 @@ class _Use:
     def __init__(self, path: Path, call: ast.Call, name: str) -> None:
         self.where = f"{path.relative_to(PACKAGE)}:{call.lineno}"
         self.name = name
-        given = [each.arg for each in call.keywords]
+        given = [*MAKERS[_maker(call)], *(each.arg for each in call.keywords)]
         self.given = None if None in given else {each for each in given if each is not None}
 
 
@@ -142,7 +142,7 @@ def _strings_and_patterns() -> tuple[set[str], list[re.Pattern[str]]]:
                     re.escape(str(each.value)) if isinstance(each, ast.Constant) else r"[\w.-]*"
                     for each in node.values
                 ]
-                if re.match(r"[a-z\\-]+\\?\.", parts[0]):
+                if re.match(r"[a-z]+(\\-[a-z]+)*\\\.", parts[0]):
                     patterns.add("".join(parts))
     return constants, [re.compile(each) for each in patterns]
 

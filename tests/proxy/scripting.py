@@ -48,10 +48,10 @@ class Here(ScriptProcess):
             if self.obeys:
                 self._answers.append(pack(self._addons.execute(order)))
 
-    def receive(self) -> bytes:
+    def receive(self) -> bytes | None:
         """Give what `arrived` says has come."""
         found, self.arrived = self.arrived, b""
-        return found
+        return found or None
 
     def locate(self) -> None:
         """Count that."""
@@ -73,8 +73,9 @@ class Here(ScriptProcess):
         return b"".join(found)
 
     def answer(self, rules: RulePolicy, now: int, count: int | None = None) -> None:
-        """Let answers come."""
-        rules.on_script_data(self.take(count), now)
+        """Let answers come. If there are none, nothing comes: no bytes would be the end of the process."""
+        if data := self.take(count):
+            rules.on_script_data(data, now)
 
 
 class Meddler:

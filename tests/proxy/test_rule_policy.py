@@ -247,6 +247,19 @@ def test_frames_of_one_segment_stay_together() -> None:
     assert (decision.note, decision.actions) == (None, [SendAction(1, UP, both)])
 
 
+def test_many_frames_that_are_due_at_once_leave_in_pieces_that_the_ring_can_record() -> None:
+    made = rules("delay=1s if serial == 1", transport=Transport.TCP)
+    made.receive(1, UP, request(1), 0)
+    block = b"".join(request(serial) for serial in range(2, 1002))
+    for _ in range(3):
+        made.receive(1, UP, block, 0)
+    actions = made.pop_due_actions(1000 * MS)
+    assert sent(actions) == request(1) + 3 * block
+    sizes = [len(each.data) for each in actions if isinstance(each, SendAction)]
+    assert max(sizes) <= 1 << 16
+    assert len(sizes) <= 3 + 3 * len(block) // (1 << 16)
+
+
 def test_a_fault_that_comes_in_the_middle_finds_the_next_frame() -> None:
     made = rules(transport=Transport.TCP)
     play(made, [request(1)[:30]])

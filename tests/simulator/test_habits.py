@@ -328,6 +328,13 @@ def test_force_control_needs_the_arm_and_a_number_from_1_to_10() -> None:
     assert operator.robot("ForceCtrl", ints(0)).hresult == 0
 
 
+def test_force_control_is_accepted_while_the_motor_is_off(operator: Operator) -> None:
+    assert operator.robot("Motor", ints(0, 0)).hresult == 0
+    assert operator.robot("ForceCtrl", ints(1, 10)).hresult == 0
+    parameter = variant_array(i4(1), i4(0), float_array(VT.R8, (0,) * 6))
+    assert operator.robot("ForceParam", parameter).hresult == 0
+
+
 def test_areas_are_kept(operator: Operator) -> None:
     assert operator.robot("GetAreaEnabled", ints(3)).value is False
     assert operator.robot("SetAreaEnabled", variant_array(i4(3), Variant(VT.BOOL, True))).hresult == 0

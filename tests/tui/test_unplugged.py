@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import os
 import re
@@ -31,7 +32,12 @@ from bcapscope.player.player_messages import PlayOutcome, SlaveModePacing
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.traffic.observation import Direction
-from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS, run_builtin_simulator
+from bcapscope.tui.controller_access.builtin_simulator import (
+    START_JOINTS,
+    BuiltInSimulator,
+    run_builtin_simulator,
+)
+from bcapscope.tui.screens import tester_screen
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterScreen as Window
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
@@ -202,6 +208,72 @@ def test_the_built_in_simulator_is_killed_and_started_anew(tmp_path: Path) -> No
         await pilot.press("f5")
         await until(pilot, lambda: here.session.status.robot is not None)
         assert here.query_one("#port", Input).value != first
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act, limit=LIMIT)
+
+
+class HeldStart:
+    """Starts built-in simulators, each as soon as `may_start` is set."""
+
+    def __init__(self) -> None:
+        self.may_start = threading.Event()
+        self.begun = 0
+        self.started: list[BuiltInSimulator] = []
+
+    @contextmanager
+    def run(self, profile: str) -> Iterator[BuiltInSimulator]:
+        self.begun += 1
+        assert self.may_start.wait(LIMIT)
+        with run_builtin_simulator(profile) as simulator:
+            self.started.append(simulator)
+            yield simulator
+
+
+def test_a_simulator_that_starts_while_the_screen_closes_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = HeldStart()
+    monkeypatch.setattr(tester_screen, "run_builtin_simulator", start.run)
+    app = make_tester(tmp_path)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: start.begun)
+        closing = asyncio.ensure_future(app._run_closers())
+        await until(pilot, lambda: not screen(pilot).session._thread.is_alive())
+        start.may_start.set()
+        await closing
+        await until(pilot, lambda: start.started)
+        assert start.started[0].process.poll() is not None
+
+    drive(app, act, limit=LIMIT)
+
+
+def test_cancelled_while_the_built_in_simulator_starts_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = HeldStart()
+    start.may_start.set()
+    monkeypatch.setattr(tester_screen, "run_builtin_simulator", start.run)
+
+    async def act(pilot: Pilot[None]) -> None:
+        here = await connected(pilot)
+        start.started[0].process.kill()
+        start.started[0].process.wait()
+        await pilot.press("f5")
+        await until(pilot, lambda: not here.session.status.is_connected)
+        await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
+        start.may_start.clear()
+        await pilot.press("f5")
+        await until(pilot, lambda: start.begun == 2)
+        await pilot.press("escape")
+        start.may_start.set()
+        await until(pilot, lambda: len(start.started) == 2)
+        renewed = str(start.started[1].port)
+        await until(pilot, lambda: here.query_one("#port", Input).value == renewed)
+        assert not here.query_one("#connect", Button).disabled
+        await pilot.press("f5")
+        await until(pilot, lambda: here.session.status.robot is not None)
         await finish(pilot)
 
     drive(make_tester(tmp_path), act, limit=LIMIT)

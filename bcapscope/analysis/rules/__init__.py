@@ -1,5 +1,5 @@
-"""The rules of `diagnose`. Each module of this package defines rules, and the checker (a class) that applies
-them.
+"""The rules of `diagnose`. `rules.tsv` holds the data of all rules. Most modules of this package define a
+checker, which is a class that applies some of the rules.
 """
 
 from __future__ import annotations

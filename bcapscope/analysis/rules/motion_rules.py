@@ -89,12 +89,10 @@ def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]
         motion=motion.call,
         mover=client_place(motion.conversation),
     )
-    clause, frames = (
-        Message("clause.speed-changed-in-motion", call=change.call),
-        {*motion.frames, *change.frames},
-    )
+    clause = Message("clause.speed-changed-in-motion", call=change.call)
+    frames = tuple(sorted({*motion.frames, *change.frames}))
     rule, time, number = RULES["speed-changed-in-motion"], change.ended, change.call.number
-    yield Occurrence(rule, time, time, change.conversation, tuple(sorted(frames)), fact, clause, number)
+    yield Occurrence(rule, time, time, change.conversation, frames, fact, clause, number)
 
 
 def _is_motion(call: Call) -> bool:

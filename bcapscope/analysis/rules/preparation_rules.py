@@ -16,8 +16,8 @@ from bcapscope.analysis.rules.rule_checker import (
     Refusal,
     RefusalReason,
     RuleChecker,
+    failure_case,
     reason_from_call,
-    reason_from_failure,
 )
 from bcapscope.messages import Message
 from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText
@@ -165,7 +165,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
     started = _latest_robslave_start(client)
     attempt = client.latest_calls.get("robslave")
     if attempt is not None and (started is None or started.request.time < attempt.request.time):
-        return _unsuccessful("robslave", attempt)
+        return _unsuccessful(f"reason.robslave.{failure_case(attempt)}", attempt)
     if started is None:
         return _explain_never_started(client)
     stopped = client.uncleared_error or client.latest_error
@@ -238,7 +238,7 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
         reason = Message("reason.arm.lost", at=Moment(taken.request.time))
         return RefusalReason(reason, evidence_call=taken, explaining_calls=_error_since(taken, client))
     if attempt is not None and (returned is None or returned.number < attempt.number):
-        return _unsuccessful("arm", attempt)
+        return _unsuccessful(f"reason.arm.{failure_case(attempt)}", attempt)
     if returned is not None:
         return reason_from_call("reason.arm.given-back", returned)
     return RefusalReason(Message(f"reason.arm.not-{'taken' if client.session_start_seen else 'seen'}"))
@@ -249,16 +249,16 @@ def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
-def _unsuccessful(topic: str, attempt: Call) -> RefusalReason:
+def _unsuccessful(id: str, attempt: Call) -> RefusalReason:
     code = attempt.hresult
-    return reason_from_failure(topic, attempt, **({} if code is None else {"code": HexNumber(code)}))
+    return reason_from_call(id, attempt, **({} if code is None else {"code": HexNumber(code)}))
 
 
 def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
     motor, failure = client.motor_call, client.uncleared_error or client.latest_error
     attempt = client.latest_calls.get("motor")
     if attempt is not None and attempt is not motor and requested_motor_state(attempt) is not False:
-        return _unsuccessful("motor", attempt)
+        return _unsuccessful(f"reason.motor.{failure_case(attempt)}", attempt)
     if motor is not None and client.motor_on is False:
         return _motor_reason("switched-off", motor)
     by_other = _switched_off_by_other(call, client)

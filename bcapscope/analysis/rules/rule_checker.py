@@ -238,10 +238,6 @@ def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalRea
     return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)
 
 
-def reason_from_failure(topic: str, failed: Call, **places: PlaceValue) -> RefusalReason:
-    return reason_from_call(f"reason.{topic}.{failure_case(failed)}", failed, **places)
-
-
 def failure_case(failed: Call) -> str:
     return "unanswered" if failed.reply is None else "refused"
 

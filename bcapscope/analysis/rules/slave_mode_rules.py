@@ -16,7 +16,8 @@ from bcapscope.analysis.rules.rule_checker import (
     RefusalReason,
     RobotImpact,
     RuleChecker,
-    reason_from_failure,
+    failure_case,
+    reason_from_call,
 )
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
@@ -101,7 +102,7 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     latest = client.latest_calls.get("slvchangemode")
     known = max((each.number for each in (ended, entered) if each is not None), default=0)
     if latest is not None and latest.number > known:
-        return reason_from_failure("slave-mode", latest)
+        return reason_from_call(f"reason.slave-mode.{failure_case(latest)}", latest)
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))

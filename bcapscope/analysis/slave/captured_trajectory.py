@@ -73,6 +73,8 @@ class TrajectoryStep(NamedTuple):
     """One set point.
 
     Attributes:
+        time: Time of the first request, ns since 1970.
+        reply_time: Time of the accepted reply, ns since 1970; None if no reply was captured.
         returned: Pose in the reply, one number per axis; () if the reply has no pose.
         stamp: The controller's time stamp in the reply, ms; None if the reply has no time stamp.
     """

@@ -71,7 +71,9 @@ class FrameBytes:
 
 
 class SetPointRow(NamedTuple):
-    """Call number, frame numbers and times of a set point. Without a reply, `reply_time` equals `time`."""
+    """Call number, frame numbers and times of a set point. Times are in ns since 1970. Without a reply,
+    `reply_time` equals `time`.
+    """
 
     call: int
     frame: int

@@ -19,7 +19,7 @@ class ReservedConvention(StrEnum):
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
-    """Every attempt, even the first, has the serial of the first attempt (orin_bcap C, C#, Java)."""
+    """The serial of the first attempt in every attempt, even in the first (orin_bcap C, C#, Java)."""
     CHAIN = "chain"
     """0 in the first attempt, then the serial of the previous attempt (the older C client)."""
     TCP0 = "tcp0"

@@ -141,7 +141,7 @@ class _ElapsedTime:
         self._noted: int | None = None
 
     def note(self, record: object) -> bool:
-        """If this record is the first record, start `t` at its time. Return True."""
+        """Start `t` at the time of the first record. Return True for every record."""
         time = self._time_of(record)
         if self._noted is None and isinstance(time, int):
             self._noted = time
@@ -159,7 +159,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     Raises:
         FilterError: The expression is invalid, or uses a field that records of this kind do not have.
     """
-    # The test is not used, so any getters are good enough.
+    # The parsed test is discarded, so any getters are good enough.
     parser = _Parser(expression, kind, dict.fromkeys(FIELD_BY_NAME, bool))
     parser.parse()
     names = frozenset(parser.getter_names)
@@ -253,7 +253,9 @@ class _Parser:
         return lambda record: match(read(record)) is True
 
     def parse_subject(self) -> tuple[ComparedField, list[int]]:
-        """Consume a field name and indexes. Return the field or element, and the indexes."""
+        """Consume a field name and indexes. Return the field, or the element that the indexes select, and the
+        indexes.
+        """
         token = self.advance()
         if token.kind is not TokenKind.WORD:
             case = "filter.no-field-but" if token.text else "filter.no-field"
@@ -288,7 +290,9 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """If a comparison with a second field of the same type follows, consume the sign and this field."""
+        """If a comparison with a second field of the same type follows, consume the sign and the second
+        field, and return the test; otherwise, return None.
+        """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
             return None

@@ -127,7 +127,9 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 
 
 def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], object]:
-    """Return a getter for the address on one leg, or on both legs of a proxy."""
+    """Return a getter for an address of a call. If a proxy forwarded the call, the getter returns the
+    addresses on both legs.
+    """
 
     def get(call: Call) -> object:
         near, far = call.conversation, call.conversation.controller_leg

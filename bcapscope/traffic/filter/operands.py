@@ -52,7 +52,7 @@ class ComparedField(NamedTuple):
     start: int
 
     def mismatch(self, case: str, **places: str) -> Message:
-        """Return the message ``filter.`` + `case`, with the names of the field and of its type."""
+        """Return the message ``filter.<case>``, with the names of the field and of its type."""
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
@@ -123,7 +123,9 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message if the field's table lacks a value, with the most similar value of the table."""
+    """Yield a message if the literal is not among the known values of the field. The message may suggest the
+    most similar known value.
+    """
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)

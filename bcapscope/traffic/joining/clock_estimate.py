@@ -79,7 +79,9 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for clocks whose drift changes: a curve between the bounds of each segment."""
+        """Return an estimate for clocks whose drift changes: a curve midway between the bounds of each time
+        segment.
+        """
         most, least = self._most.lowest, self._least.lowest
         middles, error = {}, 0
         for segment in sorted(most.keys() & least.keys()):
@@ -96,8 +98,8 @@ class _UpperBound:
     """An upper bound for an offset, from values that are added in order of time.
 
     Attributes:
-        corners: Corners of the lower convex hull of the values, as pairs of time and value. A value is left
-            out unless it is later than the previous value.
+        corners: Corners of the lower convex hull of the values, as pairs of time and value. A value that is
+            not later than the last corner is left out.
         lowest: Lowest value in each time segment, with its time.
     """
 

@@ -69,7 +69,7 @@ class JoinedObservation(Observation):
 
     @property
     def held_by_proxy(self) -> int:
-        """Time in ns from one leg of a proxy to the other; 0 if unknown or without a proxy."""
+        """Time in ns that the proxy took to forward the frame; 0 if unknown or without a proxy."""
         return (self.delay or 0) if self.is_relayed else 0
 
     def sightings(self) -> Iterator[Observation]:

@@ -28,7 +28,9 @@ requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN
 """
 
 MAX_WAITING = 32768
-"""Maximum number of waiting observations. Beyond this limit, all held conversations are decided at once."""
+"""Maximum number of waiting observations. Beyond this limit, the joiner decides immediately whether each held
+conversation has a second leg.
+"""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
@@ -213,7 +215,9 @@ class Joiner(LegJoiner):
                 new.add_suspect(sender)
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request; return those that sent the same request before."""
+        """Remember the conversation of a request. Return the other conversations that sent the same request
+        before.
+        """
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -283,7 +287,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the traffic of each suspect without a second leg that waits behind a newer conversation.
+        """Return the waiting traffic of each suspect that was released without a second leg. The traffic
+        waits because a newer conversation is still held.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.

@@ -124,7 +124,7 @@ class LegJoiner:
         return self._queue.pop_all()
 
     def _merge(self, observation: Observation) -> bool:
-        """Add an observation to the merger of its conversation; return False if there is none."""
+        """Add an observation to the merger of its conversation; return False if there is no merger."""
         merger, place = self._mergers.get(observation.flow.conversation, _NO_MERGER)
         if merger is None:
             return False
@@ -139,7 +139,7 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to `until` that no merger can precede with an earlier observation."""
+        """Return the observations up to `until`. Stop before the earliest frame that a merger still holds."""
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending

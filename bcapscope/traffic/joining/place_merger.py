@@ -19,11 +19,12 @@ the two places. The delay faults of a proxy last less than this time.
 """
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for their second sighting. Beyond this limit, the oldest waits no more.
+"""Maximum number of frames that wait for their second sighting. Beyond this limit, the oldest frame stops
+waiting.
 """
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames with which a frame is compared that a proxy may have changed."""
+"""Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
 """Maximum number of lost frames that are remembered, such as held messages that a user may still release."""
@@ -207,7 +208,7 @@ class PlaceMerger:
         )
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the capture at the other place ran when this frame should have passed it."""
+        """Return whether the other place's capture ran when this frame should have arrived at that place."""
         is_relayed = self._twins.is_relayed
         if not is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
@@ -254,7 +255,9 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add a sighting to the request that counted as lost; return False if there is no such request."""
+        """If a request with these bytes counted as lost, add the controller's sighting to this request and
+        return True.
+        """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False

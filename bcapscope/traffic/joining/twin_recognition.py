@@ -16,7 +16,7 @@ calls in a row are very unlikely without a proxy.
 """
 
 FEWEST_CALLS = 2
-"""This number of nested calls is a proof if no further calls follow."""
+"""If no further calls follow, this number of nested calls is enough proof."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -61,7 +61,7 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
     """Return the number of nested calls that proves that `outer` is the client's leg and `inner` the
-    controller's leg; None if the interface names show that they are not.
+    controller's leg; None if the interface names show that the two are not these legs.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)

@@ -21,7 +21,7 @@ from textual.dom import DOMNode
 from textual.events import ScreenResume
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
-from textual.widgets import ContentSwitcher, Input, Static
+from textual.widgets import Input, Static
 
 from bcapscope.messages import Language
 from bcapscope.messages.message import has_message
@@ -30,6 +30,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import THEMES
 from bcapscope.tui.widgets.bars import KeyBar, TopBar
 from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
 from bcapscope.tui.widgets.text_widgets import InkedText
 
 
@@ -63,7 +64,7 @@ class HelpScreen(ModalScreen[None]):
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the action's key as the user reads it; "" for no key."""
+    """An action in the command palette. `key` is the action's key as shown to the user; "" for no key."""
 
     name: str
     tip: str
@@ -128,7 +129,7 @@ class ScreenCommandProvider(Provider):
                 yield Hit(score, matcher.highlight(command.name), run, command.name, command.tip or None)
 
 
-class BaseScreen(Screen[None]):
+class BaseScreen(Screen[None], PlainContainer):
     """A screen that the user can open; the method `content` yields the screen's widgets.
 
     `NAME` and `ABOUT` are the message ids of the screen's name and description.
@@ -195,7 +196,7 @@ class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
     A subclass puts into its content a `ViewBar`, an `InkedText` with the id ``head`` for the titles of
-    columns, and a `ContentSwitcher` with one list for each view in `VIEWS`. Each list has the name of its
+    columns, and a `Switcher` with one list for each view in `VIEWS`. Each list has the name of its
     view as its id.
 
     Attributes:
@@ -219,7 +220,7 @@ class ViewsScreen(BaseScreen):
 
     def action_view(self, view: str) -> None:
         self.view = view
-        self.query_one(ContentSwitcher).current = view
+        self.query_one(Switcher).current = view
         self.show_view()
         self.set_focus(self.shown_list)
         self.refresh_bindings()

@@ -11,8 +11,6 @@ import msgspec
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
-from textual.widgets import ContentSwitcher
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.fault_notation import read_fault
@@ -40,6 +38,7 @@ from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.lines import ItemList, Lines
 from bcapscope.tui.widgets.packet_view import FieldTree, PacketView
+from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 
@@ -121,10 +120,10 @@ class ProxyScreen(ViewsScreen):
         yield InkedText(id="summary")
         yield ViewBar(self.VIEWS, id="views")
         yield InkedText(id="head")
-        with ContentSwitcher(initial="clients", id="lists"):
+        with Switcher(initial="clients", id="lists"):
             yield from (self.clients, self.rules, self.held, self._messages)
         yield CheckedInput("fault", read_fault, label("proxy.add.hint"))
-        with Vertical(id="message"):
+        with PlainVertical(id="message"):
             yield InkedText(id="intercepts")
             yield PacketView(id="packet")
             yield CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))

@@ -7,6 +7,7 @@ The widgets post the user's actions as messages. This screen carries out these a
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
@@ -114,6 +115,7 @@ class TesterScreen(BaseScreen):
         self.player_slot = PlayerSlot()
         self.halt_update = HaltUpdate(HaltState.CLOSED)
         self._simulator_stack = ExitStack()
+        self._simulator_lock = threading.Lock()  # only one thread at a time may use the stack
         self._simulator: BuiltInSimulator | None = None
         self._is_connected = False
         self._is_connecting = False
@@ -139,25 +141,34 @@ class TesterScreen(BaseScreen):
         self._show_status()
         self.query_one("#connect", Button).focus()
         if not self._options.host:
-            self.run_worker(self._start_simulator(), group="simulator")
+            self.query_one(ConnectionPanel).wait_for_address()
+            self._start_simulator()
 
+    @work(group="simulator")
     async def _start_simulator(self) -> None:
         """Start or restart the built-in simulator, and fill in the simulator's address."""
         panel = self.query_one(ConnectionPanel)
-        panel.wait_for_address()
-        await asyncio.to_thread(self._simulator_stack.close)
-        simulator = run_builtin_simulator(self._options.profile)
         try:
-            self._simulator = await asyncio.to_thread(self._simulator_stack.enter_context, simulator)
+            self._simulator = await asyncio.to_thread(self._renew_simulator)
         except OSError as error:
             panel.show_problem(label("tester.simulator.failed", reason=printable(error_text(error))))
             return
         panel.fill_address(self._simulator.host, self._simulator.port)
 
+    def _renew_simulator(self) -> BuiltInSimulator:
+        with self._simulator_lock:
+            self._simulator_stack.close()
+            return self._simulator_stack.enter_context(run_builtin_simulator(self._options.profile))
+
+    def _end_simulator(self) -> None:
+        """End the built-in simulator. If the simulator is still starting, wait for it first."""
+        with self._simulator_lock:
+            self._simulator_stack.close()
+
     async def _close(self) -> None:
         """Close player, session and simulator; an error in one step does not skip the others."""
         async with AsyncExitStack() as stack:
-            stack.push_async_callback(asyncio.to_thread, self._simulator_stack.close)
+            stack.push_async_callback(asyncio.to_thread, self._end_simulator)
             stack.push_async_callback(asyncio.to_thread, self.session.close)
             stack.push_async_callback(self.player_slot.end_player)
             if self.is_running:  # if the screen is not running, a bug has ended the screen and its workers
@@ -217,14 +228,13 @@ class TesterScreen(BaseScreen):
     @on(ConnectWanted)
     @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        """Connect to a controller. If it is the built-in simulator and has ended, start it again first."""
+        """Connect to a controller. If it is the built-in simulator and has exited, start it again first."""
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
-            await self._start_simulator()
-            renewed = panel.wanted_connection()
-            if isinstance(renewed, str):
-                return
-            wanted = renewed
+            panel.wait_for_address()
+            self._start_simulator()  # in another group, so that Cancel does not leave the address pending
+            panel.request_connect()
+            return
         target, providers = read_option_field(wanted.option, wanted.host, wanted.port, wanted.tcp)
         opener = self.query_one("#add-robot OpenObjectRow", OpenObjectRow)
         panel.clear_steps()
@@ -343,6 +353,7 @@ class TesterScreen(BaseScreen):
     def action_cancel(self) -> None:
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
+        self.query_one(ConnectionPanel).cancel_connect()
 
     def action_arm(self) -> None:
         if self.session.arming.is_armed(self.session.now()):

@@ -11,8 +11,7 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.containers import Vertical
-from textual.widgets import ContentSwitcher, Static
+from textual.widgets import Static
 
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
@@ -36,6 +35,7 @@ from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines, TextList
 from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
 from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
@@ -82,13 +82,13 @@ class TrafficViews(ViewsScreen):
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
         )
         yield InkedText(id="head")
-        with ContentSwitcher(initial="frames", id="lists"):
+        with Switcher(initial="frames", id="lists"):
             yield self.frames
             yield self.calls
             yield FindingPage(id="findings")
             yield TextList("traffic.empty.slave", id="slave")
             yield TextList("traffic.empty.statistics", id="statistics")
-        with Vertical(id="detail"):
+        with PlainVertical(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
 
@@ -339,7 +339,9 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief` is set, round 10,000 and more down, as in ``12k`` or ``1.2M``."""
+    """Return a count as text. If `brief` is set, round counts of 10,000 or more down, as in ``12k`` or
+    ``1.2M``.
+    """
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

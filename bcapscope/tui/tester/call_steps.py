@@ -56,7 +56,7 @@ class CallWanted(Message):
     """The user wants to run a step.
 
     Attributes:
-        result_display: What shows the outcome of the step.
+        result_display: Widget or notice that shows the outcome of the step.
         done: Function that the screen calls after the calls were made, even if they failed.
     """
 

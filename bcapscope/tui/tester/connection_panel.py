@@ -82,6 +82,10 @@ class ConnectionPanel(Vertical):
         if self._is_connect_pending:
             self.request_connect()
 
+    def cancel_connect(self) -> None:
+        """Do not connect when the address is filled in, although the user asked for it."""
+        self._is_connect_pending = False
+
     def wanted_connection(self) -> ConnectWanted | str:
         """Return the connection that the fields describe, or a text that says what is wrong with them."""
         host, port = split_host_port(self.query_one("#host", Input).value.strip())

@@ -59,7 +59,7 @@ class ChoiceDialog(ModalScreen[str | None]):
 
 
 class ArmDialog(ChoiceDialog):
-    """Asks the user to arm. The result is ``yes`` or ``no``. The facts say which robot could move."""
+    """Asks the user to arm. The result is ``yes`` or ``no``. `facts` says which robot could move."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
     LABELS = "tester.arm"

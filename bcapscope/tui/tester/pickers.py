@@ -26,7 +26,9 @@ _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A dialog with a list and a field. The list shows only the entries with the words in the field."""
+    """A dialog with a list and a field. The list shows only the entries that contain the words typed in the
+    field.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),

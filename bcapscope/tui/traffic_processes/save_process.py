@@ -20,7 +20,9 @@ from bcapscope.tui.traffic_processes.process_messages import SaveJob, problem_te
 
 
 def save_packets(job: SaveJob) -> Message | None:
-    """Write the new file. Return None on success, or why writing failed or why the file is incomplete."""
+    """Write the new file. Return None on success; otherwise, return why writing failed or why the file is
+    incomplete.
+    """
     target = Path(job.target)
     try:
         file = target.open("xb")

@@ -110,7 +110,9 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """Path for proposals of new file names; ``live.pcapng`` for a temporary capture."""
+        """Path from which bcapscope derives the file names that it proposes; ``live.pcapng`` for a temporary
+        capture.
+        """
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")

@@ -59,7 +59,7 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys as fit, those of the focused widget first. A click runs the action."""
+    """Shows as many keys as fit, those of the focused widget first. A click on a key runs its action."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 

@@ -26,6 +26,7 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.tui.ink import CURSOR, INK, LIT
 from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 MAX_ROWS = 20_000
 """Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
@@ -78,7 +79,9 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field with a byte, without a message; return the field's start and end."""
+        """Select the innermost field that contains the byte at `offset`, but post no message. Return the
+        field's start and end; both are 0 if no field contains the byte.
+        """
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -149,7 +152,7 @@ class FieldTree(Lines):
         return len(branch) <= _FOLDED_AT_FIRST + 1 and not has_problem
 
     def _branch_end(self, at: int) -> int:
-        """Return the index of the first entry after the branch that begins with an entry."""
+        """Return the index of the first entry after the branch that begins at index `at`."""
         if not self._is_branch(at):
             return at + 1
         later = range(at + 2, len(self._entries))
@@ -361,7 +364,7 @@ be narrower, the view shows eight bytes per line.
 """
 
 
-class PacketView(Horizontal):
+class PacketView(Horizontal, PlainContainer):
     """Shows a frame, or other bytes, as a tree and as bytes. Both highlight the same field."""
 
     def compose(self) -> ComposeResult:
@@ -382,7 +385,7 @@ class PacketView(Horizontal):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the view of the bytes the columns that it needs, and the tree the other columns."""
+        """Give the byte view the columns that it needs, and the tree the remaining columns."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST

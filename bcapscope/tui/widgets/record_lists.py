@@ -85,7 +85,7 @@ class RecordList(Lines, Generic[Source]):
 
     @property
     def row_count(self) -> int:
-        """Number of rows that show a record each."""
+        """Number of rows. Each row shows one record."""
         rows = self._source if self.matches is None else self.matches
         return 0 if rows is None else len(rows)
 

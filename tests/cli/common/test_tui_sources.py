@@ -49,6 +49,12 @@ def test_a_port_that_is_taken_is_told_in_one_sentence(words: list[str]) -> None:
     assert ran.err.lower() == f"cannot listen on 127.0.0.1 tcp port {port}: address already in use\n"
 
 
+def test_a_child_starts_before_the_screens_are_loaded() -> None:
+    code = "import sys, bcapscope.cli.common.tui_sources; print(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    assert not {"textual", "bcapscope.tui.app", "bcapscope.proxy.control_client"} & {*ran.stdout.split()}
+
+
 def test_no_proxy_is_there(tmp_path: Path) -> None:
     ran = run("tui", "--proxy", str(tmp_path / "nothing"))
     assert ran.code == 4

@@ -372,3 +372,24 @@ def test_the_place_of_the_capture_decides_whether_a_reply_was_lost(
     finally:
         journal.close()
         calls.close()
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        ReadJob(path="a\udc80.pcapng", taken_at=CapturePoint.CLIENT),
+        SaveJob("a\udc80.pcapng", "b\udcff.pcapng", {1: "two\nlines", 20: "\ud83d"}),
+        ReadProgress(1, 2, packets="a\udc80.pcapng"),
+        SearchMatches(1, bytes(range(256)) * 1000, 7),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_a_message_arrives_as_it_was_sent(message: object) -> None:
+    """A name of a file need not be UTF-8, and rows may be any bytes."""
+    pipe = BytesIO()
+    for _ in range(2):
+        send_message(pipe, message)
+    cut = BytesIO(pipe.getvalue()[:-1])
+    pipe.seek(0)
+    assert list(receive_messages(pipe, type(message))) == [message, message]
+    assert list(receive_messages(cut, type(message))) == [message]

@@ -36,7 +36,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def left(cache: Path) -> list[Path]:
-    return list(cache.rglob("traffic-*"))
+    folders = (Path(above, name) for above, names, _ in os.walk(cache) for name in names)
+    return [each for each in folders if each.name.startswith("traffic-")]
 
 
 def until(true: Callable[[], object]) -> None:
