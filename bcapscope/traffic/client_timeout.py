@@ -21,7 +21,9 @@ TIMEOUTS_TO_GIVE_UP = 4
 """A client that retried a call has given it up if no attempt follows for this number of timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum time in ns without an attempt after which the client may have given the call up."""
+"""Minimum time in ns without an attempt after which the client may have given the call up. A busy client or
+network delays an attempt by less than this time.
+"""
 
 OVERDUE_TIMEOUTS = 2
 """A reply counts as late if it comes more than this number of timeouts after the last attempt. Attempts do

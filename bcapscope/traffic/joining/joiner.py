@@ -4,7 +4,7 @@ order of time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import permutations
 
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -125,6 +125,7 @@ class Joiner(LegJoiner):
         self.passing: set[Flow] = set()
         self._only = only
         self._hidden: set[Conversation] = set()
+        self._shown_legs: set[Conversation] = set()  # their other legs are hidden
         self._single_flows: set[Flow] = set()
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
@@ -136,6 +137,10 @@ class Joiner(LegJoiner):
     def own_requests(self) -> int:
         """Number of requests that proxies sent on their own, for example to close a session."""
         return sum(merger.own_requests for merger in self._distinct_mergers())
+
+    def expire(self, now: int) -> list[Observation]:
+        # the clock of `now` may be behind the clock of the packets, which only `add` follows
+        return super().expire(max(self._now, now))
 
     def close(self) -> list[Observation]:
         self._decide_all()
@@ -159,6 +164,7 @@ class Joiner(LegJoiner):
         if self._only is not None:
             if side.place is self._only:
                 self._single.add(conversation)
+                self._shown_legs.add(conversation)
                 self._queue.add(observation)
             else:
                 self._hidden.add(conversation)
@@ -235,8 +241,10 @@ class Joiner(LegJoiner):
         for twin in twins:
             self._take_over(twin)
         if self._only is not None:
+            shown = twins[self._only]
+            self._release(shown)
+            self._shown_legs.add(shown.conversation)
             self._hidden.add(twins[1 - self._only].conversation)
-            self._release(twins[self._only])
             return
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
@@ -263,8 +271,9 @@ class Joiner(LegJoiner):
             calls: Minimum number of nested calls that prove a second leg; 0 to use `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
+        waiting = self._waiting_traffic(new.suspects)
         for suspect in new.suspects:
-            other = self._new.get(suspect) or self._waiting_traffic(suspect)
+            other = self._new.get(suspect) or waiting.get(suspect)
             if other is None:
                 continue
             for outer, inner in permutations((new, other)):
@@ -277,19 +286,19 @@ class Joiner(LegJoiner):
         _, outer, inner = max(found, key=lambda each: (each[0].calls, -each[0].lag))
         return outer, inner
 
-    def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the waiting traffic of a conversation that was released without a second leg; None if no
-        traffic waits. The traffic waits because a newer conversation is still held.
+    def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
+        """Return the waiting traffic of each suspect that was released without a second leg. The traffic
+        waits because a newer conversation is still held.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
         """
-        waiting = self._queue.find(conversation) if conversation in self._single else []
-        if not waiting:
-            return None
-        traffic = _NewConversation(waiting[0])
-        traffic.held = waiting[-HELD_FRAMES:]
-        return traffic
+        single = {each for each in suspects if each in self._single and each not in self._shown_legs}
+        found: dict[Conversation, _NewConversation] = {}
+        for conversation, waiting in (self._queue.find(single) if single else {}).items():
+            traffic = found[conversation] = _NewConversation(waiting[0])
+            traffic.held = waiting[-HELD_FRAMES:]
+        return found
 
     def _release(self, new: _NewConversation) -> None:
         """Release the held observations of a conversation that has no second leg."""
@@ -297,6 +306,7 @@ class Joiner(LegJoiner):
             self._single.clear()
             self._single_flows.clear()
             self._hidden.clear()
+            self._shown_legs.clear()
         self._single.add(new.conversation)
         for each in new.held:
             self._single_flows.add(each.flow)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 
 from bcapscope.messages import Message
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -45,14 +45,18 @@ class DeliveryQueue:
             due.append(heapq.heappop(waiting)[2])
         return due
 
-    def find(self, conversation: Conversation) -> list[Observation]:
-        """Return the observations of a conversation, in order of time."""
-        found = [each for each in self._waiting if each[2].flow.conversation is conversation]
-        return [observation for _, _, observation in sorted(found)]
+    def find(self, conversations: Container[Conversation]) -> dict[Conversation, list[Observation]]:
+        """Return the observations of each of these conversations that has any, in order of time."""
+        found: dict[Conversation, list[Observation]] = {}
+        for _, _, each in sorted(
+            each for each in self._waiting if each[2].flow.conversation in conversations
+        ):
+            found.setdefault(each.flow.conversation, []).append(each)
+        return found
 
     def remove(self, conversation: Conversation) -> list[Observation]:
         """Remove and return the observations of a conversation, in order of time."""
-        removed = self.find(conversation)
+        removed = self.find((conversation,)).get(conversation, [])
         self._waiting = [each for each in self._waiting if each[2].flow.conversation is not conversation]
         heapq.heapify(self._waiting)
         return removed

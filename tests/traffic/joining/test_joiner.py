@@ -6,7 +6,7 @@ import pytest
 
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.joining import joiner as joiner_module
-from bcapscope.traffic.joining.joined_observation import JoinedObservation, sighting_numbers
+from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
@@ -16,8 +16,8 @@ from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, START, Sc
 TRANSPORTS = [Transport.UDP, Transport.TCP]
 
 
-def joined(observations: list[Observation]) -> list[Observation]:
-    joiner = Joiner()
+def joined(observations: list[Observation], only: CapturePlace | None = None) -> list[Observation]:
+    joiner = Joiner(only=only)
     due = [each for seen in observations for each in joiner.add(seen)]
     return [*due, *joiner.close()]
 
@@ -286,6 +286,17 @@ def test_a_clock_that_is_set_back_does_not_stop_the_output() -> None:
     assert out[-1].time < out[0].time
 
 
+def test_a_clock_that_is_behind_the_clock_of_the_packets_ends_no_hold() -> None:
+    script = ProxiedScript()
+    script.proxied_client().calls(0, 10, MOVE)
+    joiner = Joiner()
+    due = []
+    for seen in script.in_order():
+        due += [*joiner.add(seen), *joiner.expire(seen.time - 10_000 * MS)]
+    due += joiner.close()
+    assert [type(each) for each in due] == [JoinedObservation] * 20
+
+
 def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same() -> None:
     script = ProxiedScript()
     client = script.proxied_client()
@@ -298,6 +309,23 @@ def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same
     assert {call.conversation.client for call in calls} == {Endpoint("10.0.0.2", 50001)}
     assert calls[0].outcome is Outcome.ANSWERED
     assert (calls[0].duplicates, calls[0].captured_again) == ((), ())
+
+
+@pytest.mark.parametrize("place", CapturePlace)
+def test_a_direct_client_that_resembles_a_proxied_one_is_not_hidden(place: CapturePlace) -> None:
+    script = ProxiedScript()
+    proxied, direct = script.proxied_client(), script.client(50002)
+    direct.conversation.server = Endpoint("10.0.0.9", 5007)
+    for serial, ms in ((1, 0), (2, 100)):
+        proxied.ask(ms, serial, 0, MOVE)
+        direct.ask(ms + 10, serial, 0, MOVE)
+        direct.reply(ms + 20, serial)
+        proxied.reply(ms + 50, serial)
+    out = joined(script.in_order(), place)
+    shown = (proxied.near, proxied.far)[place]
+    seen = [each.flow.conversation for each in out]
+    assert seen.count(direct.conversation) == seen.count(shown.conversation) == 4
+    assert len(seen) == 8
 
 
 def test_one_slow_call_is_enough_where_the_proxy_is_one_host() -> None:
