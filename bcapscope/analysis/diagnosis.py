@@ -149,7 +149,9 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a frame with problems to the checkers. `on_frame` has already passed large frames."""
+        """Pass a frame with problems to the checkers, unless it is large: `on_frame` has already passed large
+        frames.
+        """
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)

@@ -34,7 +34,9 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Time in ns for which an ended session is held back. The call that ended it may still arrive."""
+"""Time in ns for which the detector holds back an ended session, because the call that ended it may still
+arrive.
+"""
 
 SILENCE_NS = 1_000_000_000
 """A client counts as stopped if its last set point and the reply to it are more than this time in ns before
@@ -42,7 +44,9 @@ the end of the capture.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time from a failed call, as the cause, to the reply that shows that slave mode is off."""
+"""Maximum time in ns from a failed call that ended slave mode to the reply that shows that slave
+mode is off.
+"""
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
@@ -51,13 +55,19 @@ its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A session lists other calls from `BEFORE_NS` before its start to `AFTER_NS` after its end."""
+"""A session lists the controller's other calls from `BEFORE_NS` before its start to `AFTER_NS`
+after its end.
+"""
 
 MAX_SESSIONS = 64
-"""Maximum number of open sessions. Beyond it, the detector ends the session that was silent longest."""
+"""Maximum number of open sessions. If there are more, the detector ends the session that was
+silent longest.
+"""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended sessions that are held back. Beyond it, the oldest are returned at once."""
+"""Maximum number of ended sessions that are held back. If there are more, the detector returns the oldest at
+once.
+"""
 
 MAX_CONTROLLERS = 64
 
@@ -107,7 +117,9 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add set points of `PipelineSubscriber.on_set_points`; return the sessions that are now complete."""
+        """Add a run of set points from `PipelineSubscriber.on_set_points`. Return the sessions that are now
+        complete.
+        """
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
@@ -146,7 +158,7 @@ class SlaveSessionDetector:
         nothing.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970, unless the last frame is later.
+            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time counts.
         """
         # Cached, because a live diagnosis needs the result twice; computing it can take 13 ms.
         unfinished = self._unfinished
@@ -195,7 +207,7 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point belongs to no slave-mode session, and begins none."""
+        """Return whether a set point neither belongs to a slave-mode session nor begins one."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)
@@ -309,7 +321,7 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a session. If an error ended it earlier, the error stays its end."""
+        """End a session. If an error ended the session earlier, that error remains the end."""
         controller = self._controller_of(builder)
         if self._active.pop(builder.key, None) is not None:
             controller.position = None
@@ -379,7 +391,9 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a session ended. If its set points do not show why, search the other calls."""
+    """Return why and when a session ended. If its set points do not show the reason, search the
+    other calls.
+    """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_

@@ -21,7 +21,9 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Pairs of client and call kind that are counted separately. Others are the client's `OTHER_KINDS`."""
+"""Maximum number of pairs of client and call kind that are counted separately. Further call kinds of a client
+count as `OTHER_KINDS`.
+"""
 
 MAX_CODES = 16
 """Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
@@ -32,7 +34,7 @@ tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""All kinds of call beyond `MAX_KINDS`. No function has the id 0."""
+"""Stands for all further kinds of call if there are more than `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
 """Stands for all further clients once there are twice `MAX_KINDS` pairs of client and call kind."""
@@ -118,8 +120,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted
-    together.
+    """Counts calls of one kind. For speed, plain successes, which are nearly all calls, are collected, and
+    `flush` counts them together.
     """
 
     def __init__(self) -> None:
@@ -170,7 +172,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Add the counts of `other`, which must be flushed."""
+        """Add the counts of `other`. Call `other.flush` first."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -238,8 +240,8 @@ class StatisticsBuilder(PipelineSubscriber):
         self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
-        """Return the figures so far, for the period from `start` to `end` (by default the time of the
-        captured calls), both in ns since 1970; None if no call was counted.
+        """Return the figures so far; None if no call was counted. The rates are for the period from `start`
+        to `end`, ns since 1970; by default, it covers the captured calls.
         """
         if self._start is None:
             return None

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 def show_tester(
     requests: Path | None, host: str, ports: Sequence[int], *, tcp: bool, option: str, profile: str | None
 ) -> None:
-    """Show the Tester. `requests` is the folder of the saved requests; None for the usual one."""
+    """Show the Tester. `requests` is the folder of the saved requests; None for the usual folder."""
     from bcapscope.client.action_log import default_folder
     from bcapscope.live.background_recorder import BackgroundRecorder
     from bcapscope.live.recorder import Recorder
@@ -157,7 +157,7 @@ def _show_proxy_screens(
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Return the figures of the proxy at this address. If no proxy answers, exit."""
+    """Return the figures of the proxy whose control socket has this address. If no proxy answers, exit."""
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
 
@@ -170,7 +170,9 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the block. Then print the rest of its output."""
+    """Run a bcapscope command as a child process during the `with` block. Then print the rest of
+    its output.
+    """
     try:
         child = ChildProcess(*words, "--lang", current_language())
     except ChildStartError as error:
