@@ -114,8 +114,8 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 
 
 class ReportDataBuilder(PipelineSubscriber):
-    """Gathers the data for a report. The caller must subscribe `diagnosis` to the pipeline before the
-    builder.
+    """Gathers the data for a report. The caller must subscribe two objects to the pipeline: first
+    `diagnosis`, then the builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:

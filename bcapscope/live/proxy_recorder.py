@@ -74,7 +74,8 @@ class ProxyRecorder:
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order.
 
-        A packet waits until a later call or `flush` if a packet with an earlier time may still arrive.
+        If an earlier packet may still arrive, a packet stays in memory. A later `add_records` or `flush`
+        writes it.
         """
         if not self._recorder.is_complete:
             return

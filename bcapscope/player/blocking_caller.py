@@ -59,8 +59,8 @@ time between two set points.
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Maximum normal change, in ns, of the difference between two clocks. If the difference changes by more, a
-clock was set or the thread was delayed.
+"""Tolerance in ns for the offset between the system clock and the monotonic clock. If the offset changes by
+more, the system clock was set or the thread was delayed.
 """
 
 

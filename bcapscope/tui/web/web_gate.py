@@ -1,4 +1,5 @@
-"""Access check of the served screen. The module checks every HTTP request, and does no I/O.
+"""Check whether a browser may open the screen that bcapscope serves. This module checks every HTTP request,
+and does no I/O.
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a

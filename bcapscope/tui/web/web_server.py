@@ -27,7 +27,7 @@ from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess,
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 PROVES_WITHIN = 10.0
-"""Time limit in seconds for a new connection. Within this time, one of its requests must pass the access
+"""Seconds after which the server closes a new connection, unless one of its requests has passed the access
 check.
 """
 
