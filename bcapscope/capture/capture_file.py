@@ -116,9 +116,10 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
 
 
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
-    """Open a capture that another program still writes, until the caller sets `ended`.
+    """Open a capture that another program is still writing.
 
-    The reader calls `on_idle` whenever it waits for new data.
+    At the end of the file, the reader waits for new data until the caller sets `ended`. The reader calls
+    `on_idle` whenever it waits.
 
     Raises:
         CaptureError: The file cannot be opened.

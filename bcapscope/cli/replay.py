@@ -240,8 +240,8 @@ class _PreflightCheck:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points. If any fail, print the results of their runs and exit. Otherwise, print all
-        results if `shown` is True, unless --quiet is given.
+        """Check all set points. If any fail, print the results of their runs and exit. If all pass, print the
+        results only with `shown` and without --quiet.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

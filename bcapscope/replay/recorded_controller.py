@@ -24,8 +24,10 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Another client may replace a UDP client that has sent no request for this time in ns. A client that waits
-for a reply sends its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+"""Another client may replace a UDP client that has sent no request for this time in ns. This time is longer
+than the 1 s after which a client without a reply sends its next attempt (DENSO Wave 2009, How to use the
+Slave mode).
+"""
 
 _SERVICE_START = CallKind(1, None)
 

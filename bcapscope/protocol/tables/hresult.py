@@ -120,7 +120,7 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope takes a result code for a four-digit code of RC7. Such a result code has the
+    """Return whether bcapscope treats a result code as a four-digit code of RC7. Such a result code has the
     form 0000xxxx or 8000xxxx.
     """
     code &= 0xFFFFFFFF
