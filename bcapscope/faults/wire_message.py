@@ -76,8 +76,8 @@ class WireMessage:
         data: Bytes of the message as received.
         now: Time of receipt in ns, on a monotonic clock.
         time: Time of receipt in ns since 1970-01-01 UTC.
-        attempt_numbers: For each frame, the number of its attempt. The attempt of a response is the attempt
-            that it answers. Empty before `annotate_with_attempts`.
+        attempt_numbers: For each request, the number of the attempt; for each reply or notice, the number of
+            the attempt that it answers. Empty before `annotate_with_attempts`.
     """
 
     __slots__ = ("_annotated", "_templates", "attempt_numbers", "data", "flow", "now", "number", "time")

@@ -1,9 +1,9 @@
 """Reading poses as clients write them: as text, arrays, or arrays of both.
 
 Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
-and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable
-may replace the numbers of a pose, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as VT_I4,
-although their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
+and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). Instead of coordinates,
+clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as
+VT_I4, although their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
 nkawa/Denso_CobottaPro900_MQTT_Control (with DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and
-SetToolDef). Results that no source shows are inferred as in `commands.tsv`. The simulator stores and returns
-definitions of tools and works. These definitions do not change the position that the simulated arm reports.
+SetToolDef). If no source shows the results of a command, bcapscope infers them from the command's meaning, as
+`commands.tsv` does. The simulator stores and returns definitions of tools and works. These definitions do not
+change the position that the simulated arm reports.
 """
 
 from __future__ import annotations

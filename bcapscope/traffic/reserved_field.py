@@ -47,7 +47,7 @@ class ReservedFieldUsage(NamedTuple):
         Args:
             origin: Serial of the call's first attempt, even if only a retry shows this serial.
             previous: Serial of the call's previous attempt.
-            starts_with_zero: Whether the client's latest first attempt has 0 in the reserved field.
+            starts_with_zero: Whether the first attempt of the client's latest call has 0 in reserved.
         """
         if origin == previous or reserved not in (origin, previous):
             return self

@@ -183,8 +183,8 @@ class SessionModels:
         """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if
         unknown.
 
-        The first value belongs to the last set point before `commanded`. A step that is tiny compared with
-        the largest step so far does not count, because a smooth motion ends with tiny steps.
+        The result begins with the last set point of the previous batch. A step that is tiny compared with the
+        largest step so far does not count, because a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
