@@ -7,7 +7,8 @@ import re
 import shlex
 import signal
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -42,10 +43,15 @@ def home(tmp_path: Path) -> Mapping[str, str]:
     return environment
 
 
-def capture(environment: Mapping[str, str], *words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+@contextmanager
+def capture(environment: Mapping[str, str], *words: str) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
         ["tshark", *words], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    ) as tshark:
+        try:
+            yield tshark
+        finally:
+            tshark.kill()  # a test that failed must not wait for tshark
 
 
 def simulator_options(port: int) -> list[str]:
