@@ -79,9 +79,11 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link a reported problem to its cause. The cause is the first of these that exists: an injected
-        fault in the same call; the latest problem that certainly explains the call; the latest problem in one
-        of the calls `explaining_calls`; the latest problem that can be the cause by its rule and its time.
+        """Link a reported problem to its cause.
+
+        The search has four steps, and ends at the first problem found: an injected fault in the same call;
+        the latest problem with this call in `explains`; the latest problem in one of the
+        `explaining_calls`; the latest problem whose rule is a possible cause, if it is recent enough.
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """

@@ -121,7 +121,8 @@ def direction_turns(kind: PoseType, rows: Array) -> Array:
 def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
     """Return whether two poses have the same Fig; True if either pose lacks Fig.
 
-    A Fig below 0 lets the controller choose the posture (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
+    A Fig below 0 lets the controller choose the posture. nkawa/Denso_CobottaPro900_MQTT_Control uses -2 and
+    -3.
     """
     column = FIG_COLUMN.get(kind)
     if column is None or min(len(here), len(there)) <= column:

@@ -39,9 +39,9 @@ TIME_LIMIT_NS = 100_000_000
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-The shortest limit leaves enough time to wake a process: waking takes less than a millisecond. The longest
-time limit is for safety: a motion that starts seconds late is dangerous, because the client that requested it
-no longer waits.
+The shortest limit leaves enough time to wake a process: waking takes less than a millisecond. The upper
+bound is for safety: if a request for a motion is held for seconds, the client may have given up when the
+motion starts.
 """
 
 LONGEST_WAIT = 1_000_000_000

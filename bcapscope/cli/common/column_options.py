@@ -33,7 +33,7 @@ def columns_option(kind: RecordKind) -> Decorator:
 wide_option = click.option(
     "--wide",
     is_flag=True,
-    help="On a terminal, print long lines in full: do not fold them, or with --columns, do not cut them.",
+    help="On a terminal, do not fold long lines. With --columns, do not cut them.",
 )
 
 
