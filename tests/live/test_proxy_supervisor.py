@@ -8,7 +8,8 @@ import signal
 import socket
 import sys
 import threading
-from contextlib import closing, nullcontext
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, nullcontext
 from multiprocessing.shared_memory import SharedMemory
 
 import pytest
@@ -57,15 +58,19 @@ def test_who_is_asked_to_end_once_more_waits_for_no_summary(capsys: pytest.Captu
     assert "the last part of the recording may be missing" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there are no terminals that hang up")
-def test_a_terminal_that_is_closed_does_not_ask_to_end_at_once() -> None:
+@contextmanager
+def signalled_supervisor() -> Iterator[tuple[ProxySupervisor, socket.socket]]:
+    """Yield a supervisor, and the socket that sends it the numbers of signals."""
     here, there = socket.socketpair()
     here.setblocking(False)
-    with (
-        here,
-        there,
-        closing(ProxySupervisor(ProxyOptions(None, None, ViewOptions(None), "never"), here)) as proxy,
-    ):
+    options = ProxyOptions(None, None, ViewOptions(None), "never")
+    with here, there, closing(ProxySupervisor(options, here)) as proxy:
+        yield proxy, there
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there are no terminals that hang up")
+def test_a_terminal_that_is_closed_does_not_ask_to_end_at_once() -> None:
+    with signalled_supervisor() as (proxy, there):
         assert not proxy.must_end_now()
         there.send(bytes([signal.SIGHUP]))
         assert not proxy.must_end_now()
@@ -74,13 +79,7 @@ def test_a_terminal_that_is_closed_does_not_ask_to_end_at_once() -> None:
 
 
 def test_of_two_signals_before_the_start_the_second_ends_the_proxy_at_once() -> None:
-    here, there = socket.socketpair()
-    here.setblocking(False)
-    with (
-        here,
-        there,
-        closing(ProxySupervisor(ProxyOptions(None, None, ViewOptions(None), "never"), here)) as proxy,
-    ):
+    with signalled_supervisor() as (proxy, there):
         there.send(bytes([signal.SIGINT, signal.SIGINT]))
         with pytest.raises(KeyboardInterrupt):
             proxy.start_watcher(lambda seconds: False)
