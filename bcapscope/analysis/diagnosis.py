@@ -58,8 +58,8 @@ class Diagnosis(PipelineSubscriber):
 
         Args:
             is_selected: Function that returns whether a call is selected; None to select all calls. The rules
-                check all calls. They report only the findings about selected calls, and the causes of these
-                findings.
+                check all calls. The rules report only the findings about selected calls, and the causes of
+                these findings.
             on_slave_session: Function that receives each complete slave-mode session. If `is_selected` is
                 given, `on_slave_session` receives only sessions with selected set points. The method
                 `remaining_sessions` returns the incomplete sessions.
@@ -189,7 +189,7 @@ class Diagnosis(PipelineSubscriber):
         return self._collector.findings(provisional)
 
     def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the sessions that were not yet passed to `on_slave_session`. See `findings` for `ended_at`."""
+        """Return the sessions not yet passed to `on_slave_session`. See `findings` for `ended_at`."""
         detector = self._selected_sessions or self._session_detector
         return detector.remaining_sessions(self._end_time(ended_at))
 

@@ -90,8 +90,8 @@ class BufferFacts:
             `overwrites` is False.
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
-        smallest_slack_ms: Shortest time in ms from the arrival of a set point until the buffer would have
-            been empty; negative if the buffer was already empty.
+        smallest_slack_ms: Smallest slack in ms of a set point: how much longer the buffer would have lasted
+            without the set point; negative if the buffer was already empty.
         smallest_slack_frame: Number of the request frame of the set point with the smallest slack; None for
             fewer than two set points.
         reported_underflows: Numbers of the first reply frames that report an underflow (0x84201482).
@@ -182,7 +182,7 @@ class BufferModel:
         """Add one or more set points.
 
         Args:
-            moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if unknown.
+            moving: 1 if the robot was moving before the set point, 0 if the robot stood still, -1 if unknown.
 
         Returns:
             Slack of each set point in ns: how much longer the buffer would have lasted without this set

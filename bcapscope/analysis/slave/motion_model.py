@@ -129,11 +129,12 @@ class MotionFacts:
     """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
     If the controller refuses a set point because the buffer is full, the client sends the set point again.
-    The facts do not include set points that were refused because of a full buffer.
+    Except for `unread`, the facts leave out set points that were refused because of a full buffer.
 
     Attributes:
         read: Number of set points with a readable pose.
-        unread: Number of set points with an unreadable pose or a pose of another type.
+        unread: Number of set points with an unreadable pose or a pose of another type, or refused because of
+            a full buffer.
         not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.

@@ -111,7 +111,7 @@ class SlaveSessionBuilder:
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a builder that includes the set points of the batch. The original builder does not change."""
+        """Return a builder that includes the set points of the batch. Leave this builder unchanged."""
         if not self.batch:
             return self
         processed = copy.copy(self)
