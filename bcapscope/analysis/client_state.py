@@ -85,7 +85,8 @@ class ClientState:
             The key is the command in lower case. A write to @SERVO_ON has the key `motor`, and a Task_Start
             of RobSlave has the key `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
-            object, but got no successful reply. When a later call opens such an object, the class is removed.
+            object, but got no successful reply. The class is removed when a later call opens an object of
+            this class.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.

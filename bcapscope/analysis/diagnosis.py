@@ -189,12 +189,12 @@ class Diagnosis(PipelineSubscriber):
         return self._collector.findings(provisional)
 
     def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the sessions not yet passed to `on_slave_session`. See `findings` for `ended_at`."""
+        """Return the sessions not yet passed to `on_slave_session`. For `ended_at`, see `findings`."""
         detector = self._selected_sessions or self._session_detector
         return detector.remaining_sessions(self._end_time(ended_at))
 
     def totals(self, ended_at: int = 0) -> TrafficTotals:
-        """Return how much traffic there was so far. See `findings` for `ended_at`."""
+        """Return how much traffic there was so far. For `ended_at`, see `findings`."""
         first, last = self._first, self._last
         if first is None or last is None:
             return NO_TRAFFIC
@@ -205,8 +205,8 @@ class Diagnosis(PipelineSubscriber):
         return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return the findings since the previous call of `new_findings`. The returned findings have no links
-        to their causes.
+        """Return the findings that were added after the previous call of `new_findings`. The returned
+        findings have no links to their causes.
         """
         return self._collector.new_findings()
 

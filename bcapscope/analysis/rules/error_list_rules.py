@@ -43,7 +43,8 @@ _LASTING = (
     "manual-reset-missing",
 )
 """Rules about states that ClearError does not end. A refusal with a code in `ACTIVE_CODES` is linked only to
-errors that rules in `_LASTING` report. Other errors block a call only until the client calls ClearError.
+errors that rules in `_LASTING` report. Errors of other rules block a call only until the client calls
+ClearError.
 """
 
 _MAX_CONTROLLERS = 256
@@ -82,8 +83,8 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: str, code: int) -> bool:
-        """Return whether the error `code` may have caused the client's first refused call. `rule` is the id
-        of the rule that reports this error.
+        """Return whether the error `code` may explain the client's first refused call. `rule` is the id of
+        the rule that reports this error.
         """
         is_notice = not describe_hresult(code).level and rule == "controller-error"
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
@@ -156,8 +157,8 @@ class ErrorListChecker(RuleChecker):
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report an error that a client read, if this error explains the first refusal. The error list begins
-        with the newest error. If the code of the refusal is in the error list, all following errors are older
-        than the refusal.
+        with the newest error. If the error list contains the code of the refusal, the errors after this code
+        are older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

@@ -74,15 +74,15 @@ class BufferFacts:
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the set point that waits in the buffer. If so, an empty
-            buffer is not an error.
+        overwrites: Whether a new set point replaces the set point that waits in the buffer. If `overwrites`
+            is True, an empty buffer is not an error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
         underflows: Number of predicted underflows. The underflows in `possible_underflows` are not included.
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of underflows of one period. Each of these underflows is uncertain,
-            because the controller's phase is unknown.
+        possible_underflows: Number of underflows that last one period. An underflow of one period is
+            uncertain, because the controller's phase is unknown.
         overflows: Number of set points that arrived while the buffer was full for every possible phase of the
             controller.
         overflow_frames: Numbers of the request frames of the first predicted overflows.
@@ -91,7 +91,7 @@ class BufferFacts:
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
         smallest_slack_ms: Smallest slack in ms of a set point: how much longer the buffer would have lasted
-            without the set point; negative if the buffer was already empty.
+            without the set point. The slack is negative if the buffer was already empty.
         smallest_slack_frame: Number of the request frame of the set point with the smallest slack; None for
             fewer than two set points.
         reported_underflows: Numbers of the first reply frames that report an underflow (0x84201482).
@@ -263,7 +263,7 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointTable, index: int, empty_at: int) -> int:
-        """Correct the model with the result code of a reply. Return when the buffer will be empty."""
+        """Correct the model with a reply's result code. Return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)

@@ -73,8 +73,8 @@ class _ColumnTemplate:
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to `columns`. `rows` is the row of each frame
-        in `columns`. The frames must match this template.
+        """Copy the pose and time stamp of each frame in `data` to `columns`. `rows` gives the row in
+        `columns` for each frame. The frames must match this template.
         """
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:

@@ -67,8 +67,8 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return the clue that the number type of a set point gives. RC8 and later take double precision; RC7
-    takes single precision.
+    """Return what the number type of a set point shows about the controller's generation. RC8 and later take
+    double precision; RC7 takes single precision.
     """
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:

@@ -133,8 +133,8 @@ class MotionFacts:
 
     Attributes:
         read: Number of set points with a readable pose.
-        unread: Number of set points with an unreadable pose or a pose of another type, or refused because of
-            a full buffer.
+        unread: Number of set points that were refused because of a full buffer, or whose pose is unreadable
+            or of another type.
         not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.

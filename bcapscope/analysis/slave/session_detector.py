@@ -44,7 +44,7 @@ stopped.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""A failed call can have ended slave mode only if slave mode is found off within this time, in ns."""
+"""Maximum time in ns between a failed call that ended slave mode and the reply that shows slave mode off."""
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
