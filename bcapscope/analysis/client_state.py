@@ -79,8 +79,8 @@ class ClientState:
         service_start: The Service_Start call of the current session; None if this call was not captured.
         failed_start: Service_Start call that the controller refused, or probably ignored because of serial 0;
             None while a session is open.
-        session_end: The Service_Stop or Controller_Disconnect call that ended the session, or may have ended
-            the session without a captured reply; None while the session is open.
+        session_end: The Service_Stop or Controller_Disconnect call that ended, or may have ended, the
+            session; None while the session is open.
         latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not.
             The key is the command in lower case. A write to @SERVO_ON has the key `motor`, and a Task_Start
             of RobSlave has the key `robslave`.

@@ -40,8 +40,8 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the event, or of the first of several joined events, ns since 1970.
         end: End of the event, or of the last of several joined events, ns since 1970.
-        call_kind: Kind of the first call that the event concerns; None for a period of activity and for an
-            event without a call.
+        call_kind: Kind of the first call that the event concerns. None for a period of activity or an event
+            without a call.
     """
 
     begin: int

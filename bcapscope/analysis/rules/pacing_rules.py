@@ -120,8 +120,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point may replace a set point that waits in the buffer; True if the slave mode
-    is unknown.
+    """Return whether a new set point may replace a set point that waits in the buffer. Return True if the
+    slave mode is unknown.
     """
     return session.mode.meaning is None or session.buffer.overwrites
 

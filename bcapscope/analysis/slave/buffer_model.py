@@ -122,8 +122,8 @@ class BufferFacts:
 
 def slack_ms(slots: int) -> float:
     """Return the time in ms for which a full buffer lasts without a new set point: one period per slot. A
-    buffer with one slot lasts two periods: the controller executes one set point while the slot holds the
-    next set point.
+    buffer with one slot lasts two periods: the slot holds a set point while the controller executes the
+    previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 

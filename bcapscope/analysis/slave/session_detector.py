@@ -39,8 +39,7 @@ arrive.
 """
 
 SILENCE_NS = 1_000_000_000
-"""If a session is silent for longer than this time (in ns) at the end of the capture, its client counts as
-stopped.
+"""If a session is silent for longer than this time in ns when the capture ends, the client counts as stopped.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000
