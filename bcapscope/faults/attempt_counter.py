@@ -16,7 +16,7 @@ clients make for one call.
 """
 
 
-# Maximum size in bytes of kept request contents. A hash replaces the contents of larger requests.
+# Maximum size in bytes of kept request contents. A hash replaces request contents of more than 512 bytes.
 _LONGEST_KEPT = 512
 
 

@@ -102,7 +102,7 @@ class MessageFault(Fault, frozen=True, kw_only=True):
 
     def initial_state(self) -> Any:
         """Return a new object in which the fault keeps data between messages. `draw` and `apply` may change
-        this object.
+        the returned object.
         """
         return {}
 

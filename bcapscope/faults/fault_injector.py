@@ -232,7 +232,7 @@ class FaultInjector:
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return False if a half-open fault blocks the conversation. The proxy must not forward a FIN or RST
+        """Return False if a half-open fault blocks the conversation. The caller must not forward a FIN or RST
         of a blocked conversation.
         """
         return conversation not in self._half_open

@@ -424,8 +424,8 @@ ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
 )
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Alternative names of actions, as in tc-netem(8). In the notation of a fault, a value must follow an
-alternative name, as in ``loss=5%``.
+"""Alternative names of actions, as in tc-netem(8). In the notation of a fault, an alternative name of an
+action requires a value, as in ``loss=5%``.
 """
 
 

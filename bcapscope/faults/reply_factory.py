@@ -28,8 +28,8 @@ class ReplyFactory:
     """Makes replies, and fills their reserved field in the same way as the controller does.
 
     In a reply, a controller either repeats the reserved field of the request, or sends 0. The factory learns
-    the controller's choice from a reply to a request whose reserved field is not 0. Before the factory knows
-    the choice, the factory sends 0, like DENSO's server (orin_bcap C/src/bCAPServer/bcap_server.c).
+    the controller's choice from a reply to a request whose reserved field is not 0. A factory that does not
+    know the controller's choice yet uses 0, like DENSO's server (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:

@@ -122,11 +122,10 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """For each step, limit the difference between the number in this message and the number in the previous
-        message of the series.
+        """For each step, limit how far a number may differ from the previous message of the series.
 
-        A retry gets the same values as the first attempt. If the values of a retry differed from the first
-        attempt, the controller would execute the retry as a new call.
+        A retry gets the same values as the first attempt. A retry with other values than the first attempt
+        would make the controller execute a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)

@@ -152,7 +152,7 @@ class FaultedMessage:
 
     Attributes:
         delay: Sum of all delays, in ns.
-        is_lost: True if the proxy must not forward the message.
+        is_lost: True if the message is not forwarded.
         is_final: True if later faults must not get the message.
         copy_delays: Delay of each copy in ns, counted from the sending of the message.
         held_behind: Two values for a reordered message: how many later messages to send first, and the

@@ -28,7 +28,7 @@ behind NAT. The remaining 64 slots are enough for the clients of three controlle
 
 RESERVED_SLOTS = 4
 """Number of additional slots per transport, reserved for clients that send a stop. If all reserved slots are
-full, a new client with a stop replaces the oldest client in a reserved slot.
+full, a client that sends a stop replaces the oldest client in a reserved slot.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000

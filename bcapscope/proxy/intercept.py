@@ -44,8 +44,8 @@ class HeldMessage:
             only a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
         since: Start of the hold, in ns.
-        until: Time in ns at which the proxy forwards the message unchanged, or drops the message if the
-            client no longer waits.
+        until: Time in ns at which the proxy forwards the message, or drops the message if the client no
+            longer waits.
         last_attempt_at: Time of the latest attempt, in ns.
         repeats: Number of later packets of the same call. The user sees these packets only in this count.
         subject: Call or reply to which the user's decision applies; None for messages without retries.

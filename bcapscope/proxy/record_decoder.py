@@ -66,8 +66,8 @@ class _Client:
     """A client and the streams of its conversation.
 
     Attributes:
-        streams: One or two streams for each direction (True for requests): on the client's side and, if
-            decoded, on the controller's side. The stream on the sender's side comes first.
+        streams: Streams of each direction (True for requests): on the client's side and, if decoded, on the
+            controller's side. The stream on the sender's side comes first.
         decodes_far_side: Whether `streams` also has the streams on the controller's side.
     """
 

@@ -178,8 +178,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A frame with a zlib header must unpack to a valid frame. The frame must also be too short for a plain
-    frame. The number of arguments in a plain frame with the bytes of a zlib header is at least 376.
+    A frame with a zlib header must unpack to a valid frame, and must be too short to be plain. The bytes of a
+    zlib header in a plain frame would announce at least 376 arguments.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 RING_OVERHEAD = 1 << 17
-"""Number of bytes that the shared memory needs in addition to the ring, for `_HEADER_SIZE` and `_MARGIN`."""
+"""Size in bytes of the parts of the shared memory outside the ring: the header and the margin."""
 
 _HEADER_SIZE = 4096
 """Size in bytes of the header, which holds the positions in the ring, `urgency`, `counts` and `figures`."""
@@ -24,7 +24,7 @@ _HEADER_SIZE = 4096
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
 """Number of bytes of shared memory after the last byte of the ring. A record near the end of the ring may
 extend into the margin, so that no record is ever split. `RING_OVERHEAD` is a multiple of every page size,
-because some systems round the size of shared memory up to whole pages.
+because systems may round shared memory up to whole pages.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
@@ -42,7 +42,7 @@ in the same order.
 """
 
 MAX_WAITING_NOTICES = 1024
-"""If this many records wait for room in the ring, further messages for the user are lost and counted."""
+"""If the number of waiting records reaches this limit, further messages for the user are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _HOLE = struct.Struct("=QQ")
@@ -402,9 +402,9 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return at most `limit` records. Records that were written after the previous call may be returned
-        one call later. With `until`, stop at this position, which the watcher's other reader has already
-        reached.
+        """Return at most `limit` records. Records that were written after the previous call may be left for
+        the next call. If `until` is not None, stop at the position `until`. The watcher's other reader has
+        already reached `until`.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -46,7 +46,7 @@ def main(
     try:
         _isolate(traces, parent, megabytes)
         _run(proxy, paths)
-    # A script has closed the socket or used up the memory. The proxy tells the user that the process ended.
+    # A script has closed the socket or used up the memory. The proxy reports the end of the process.
     except (OSError, MemoryError):
         proxy.detach()
         sys.exit(1)

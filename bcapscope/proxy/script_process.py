@@ -145,7 +145,7 @@ class ScriptProcess:
 
     def _load_error(self, what: Message) -> ScriptError:
         """End the process, and return an error that says why its scripts cannot be used."""
-        # The exit code and the reported script line may not be available yet.
+        # Wait briefly, because the exit code and the reported script line may arrive late.
         time.sleep(_EXIT_DELAY)
         reason = joined_clauses((what, *self.end()))
         assert reason is not None
@@ -160,7 +160,7 @@ class ScriptProcess:
         self._relay = relay
         self._is_interrupted = is_interrupted
 
-    # `ScriptQueue` calls the following methods. These methods raise no exception. Only `finish` waits.
+    # `ScriptQueue` calls the following methods, which raise no exception. Only `finish` may block the caller.
 
     def send(self, frame: bytes) -> None:
         self._backlog += frame
@@ -238,7 +238,7 @@ class ScriptProcess:
                 del self._backlog[: self._socket.send(self._backlog)]
         except BlockingIOError:
             pass
-        except OSError:  # the process has ended; the next `receive` will report this
+        except OSError:  # the process has ended, and the next `receive` will report the end
             self._backlog.clear()
         if self._watcher is not None and self._waits_to_write is not bool(self._backlog):
             self._waits_to_write = bool(self._backlog)

@@ -171,7 +171,8 @@ class ScriptQueue:
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
         """Pass a message to the scripts. If `undecided` is not None, the message waits for the scripts'
-        decision. Skip a message without `undecided` if no hook needs the message, or if too much data waits.
+        decision. If `undecided` is None, skip the message when no hook needs the message or too much data
+        waits.
         """
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
@@ -249,7 +250,7 @@ class ScriptQueue:
             due = self.due()
             if not self.is_on or not self._queue or due is None or now < due:
                 return
-            # If the relay itself was late, the scripts get more time, but at most one extension per answer.
+            # If the relay itself was late, the scripts get more time, but at most one time per answer.
             if now - due > _LATE and not self._was_late:
                 self._was_late = True
                 self._relay_delay += now - due + self._limit

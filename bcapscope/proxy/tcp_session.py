@@ -31,7 +31,7 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 
 STUCK_AFTER_NS = 10_000_000_000
 """Idle time in ns after which a session ends if only the controller has ended its direction. A new client may
-evict a session with this idle time if either direction has ended, or if bytes wait for a receiver.
+evict a session after this idle time if one direction has ended or is blocked.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
@@ -182,7 +182,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts. Tell the user how many bytes are lost."""
+        """Write as many pending bytes as the system accepts. Report how many bytes are lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
