@@ -95,7 +95,7 @@ class Relay(DescriptorWatcher):
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. Signal handlers and functions that `run` calls may use this method."""
+        """Make `run` return soon. A caller may be a signal handler, or a function that runs during `run`."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
