@@ -177,7 +177,7 @@ def open(
     on_error: Callable[[str, CaptureError], object] | None = None,
 ) -> Capture:
     """Open captures (pcap or pcapng, plain or gzipped) and folders of captures. The returned `Capture`
-    combines the traffic of all these captures.
+    combines the traffic of all captures.
 
     Several captures are read in the order of their first packets. Two captures of the same conversation,
     taken at different places, are joined.

@@ -269,8 +269,8 @@ class FrameOrigins:
         self._origin_of_packet = origin_of_packet
 
     def add(self, frame: int, packet: int) -> None:
-        """Remember the packet of a frame. A frame without a call is in the packet after the previous frame's
-        packet.
+        """Remember the packet of a frame. A frame for which `add` is not called is in the packet after the
+        previous frame's packet.
         """
         self._packets_of_frames.add(frame, 0, packet)
 

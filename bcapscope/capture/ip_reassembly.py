@@ -80,7 +80,7 @@ class IpReassembly:
     """
 
     def __init__(self, counts: CaptureCounts) -> None:
-        """The object increments `counts.fragments_lost` for each packet that it drops."""
+        """`counts.fragments_lost` counts the packets that the `IpReassembly` drops."""
         self._counts = counts
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0

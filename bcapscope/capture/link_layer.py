@@ -20,8 +20,8 @@ that are older than the standard.
 """
 
 _MAX_LENGTH_FIELD = 1500
-"""If Ethernet's type field has at most this value, the value is a length. An LLC header follows a length
-(IEEE 802.3).
+"""If Ethernet's type field has at most this value, the value is a length. If the type field holds a length,
+an LLC header follows (IEEE 802.3).
 """
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"

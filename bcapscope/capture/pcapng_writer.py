@@ -107,8 +107,8 @@ class PcapngWriter:
         return make
 
     def _constant_parts(self, interface: Interface, head: bytes, size: int) -> tuple[bytes, bytes, bytes]:
-        """Return the three constant parts of a packet block. The packet's time and the packet's last `size`
-        bytes separate these parts.
+        """Return the three constant parts of a packet block. Between the constant parts are the packet's time
+        and the packet's last `size` bytes.
         """
         number = self._interfaces.get(interface)
         if number is None:

@@ -163,7 +163,7 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
     """Return one dictionary for each of the two places, with the `CaptureSide` of each shared conversation.
-    The key is the client, controller and transport of the conversation at this place.
+    The key of a `CaptureSide` is the conversation's client, controller and transport at this place.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

@@ -189,9 +189,9 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation of one file with at most one conversation of the other file. Pairs of
-        conversations with the same addresses come first. Among other pairs, the pair with the largest number
-        of equal frames comes first.
+        """Pair each conversation of one file with at most one conversation of the other file. Two
+        conversations with the same addresses and ports come first. Among other pairs, the pair with the
+        largest number of equal frames comes first.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):

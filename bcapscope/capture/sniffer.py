@@ -73,7 +73,7 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        # Without this redirection, Python would report an error when it flushes stdout at exit.
+        # Redirect stdout to os.devnull, because Python flushes stdout at exit and would report an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)

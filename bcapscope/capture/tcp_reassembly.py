@@ -235,8 +235,8 @@ class TcpStream:
         """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
         unchanged.
 
-        The times of a long frame need only the frame's first and last arrival marks. The arrival marks
-        between are kept in case the length field is wrong and the bytes contain several frames.
+        The times of a long frame need only the frame's first and last arrival marks. The other arrival marks
+        are kept in case the length field is wrong and the bytes contain several frames.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]

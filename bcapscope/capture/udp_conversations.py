@@ -53,8 +53,8 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, arrival: tuple[int, int, int], note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a UDP datagram with its 8-byte header. Return the new and the held items of each
-        conversation whose server is now known.
+        """Accept a UDP datagram with its 8-byte header. Return the new and the held `TimedItem` objects of
+        each conversation whose server is now known.
 
         `arrival` is a tuple of three fields of a `TimedItem`: `began`, `time` and `packet`. `note` is the
         reason why the datagram is incomplete; None for a whole datagram.

@@ -45,7 +45,7 @@ second, summed over all processors.
 
 PAUSED_FOR = 60.0
 """If the host took too much processor time, or Linux refused the limit, the proxy waits this many seconds.
-After the wait, the proxy tries to set the limit again.
+After the wait, the proxy again tries to limit the wake-up time of the processors.
 """
 
 _MEASURED_EVERY = 1.0

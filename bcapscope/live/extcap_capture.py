@@ -67,7 +67,7 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 
 
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
-    """Run a command that records to `pipe`. End the command after the queue `ends` has received a reason.
+    """Run a command that records to `pipe`. End the command when a reason arrives in the queue `ends`.
 
     The command runs in a child process, which keeps the command's messages on standard error away from
     Wireshark. Wireshark would show the command's messages as errors. The first signal ends the command

@@ -1,5 +1,5 @@
-"""The capture interfaces that bcapscope adds to Wireshark, with their options. Lines of text describe the
-interfaces and options to Wireshark. The extcap protocol calls such a line a sentence (`man extcap`).
+"""The capture interfaces that bcapscope adds to Wireshark, with their options. Wireshark reads interfaces and
+options as lines of text, which the extcap protocol calls sentences (`man extcap`).
 
 When Wireshark starts, it runs every program in its extcap folder. This module imports little, so that it
 starts fast.
@@ -45,7 +45,8 @@ class DialogType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DialogOption:
-    """An input field in Wireshark's dialog. The input field sets an option of a bcapscope command.
+    """An input field in Wireshark's dialog for a capture interface. The input field sets an option of a
+    bcapscope command.
 
     Attributes:
         call: Name that Wireshark passes, such as `--port`.

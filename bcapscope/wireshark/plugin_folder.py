@@ -131,8 +131,9 @@ def launcher_text(executable: str = sys.executable, *, is_windows: bool = IS_WIN
 
 
 def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return the folders for the launcher. If `folder` is given, return only the subfolder `extcap` of
-    `folder`. If `folder` is None, return the personal extcap folders of all versions of Wireshark.
+    """Return the folders in which Wireshark looks for the launcher. If `folder` is given, return only the
+    subfolder `extcap` of `folder`. If `folder` is None, return the personal extcap folders of all versions of
+    Wireshark.
 
     Wireshark 4.0 and older search the configuration folder; 4.2 and newer search ~/.local/lib instead. On
     Windows, all versions search the same folder.

@@ -387,7 +387,7 @@ class ControllerSession:
         if self._opener is not None and self.status.is_connected:
             session = self._opener.session
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # `Session` records a reply only after this method, and never records a reply to raw bytes.
+                # `Session` records a reply only after `_on_record`, and never records a reply to raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())

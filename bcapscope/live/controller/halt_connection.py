@@ -125,7 +125,7 @@ class HaltConnection:
 
     def report_only_halts(self) -> None:
         """Stop reporting the state of this connection, because a new HALT connection reports its own state.
-        Still report the results of HALT.
+        Continue to report the results of HALT.
         """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
