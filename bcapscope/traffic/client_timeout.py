@@ -13,8 +13,8 @@ from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
 """Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a call less than this
-time after an unanswered call evidently does not wait for replies. A client that does not wait for replies may
-still accept the reply to its previous request.
+time after an unanswered request evidently does not wait for replies. A client that does not wait for replies
+may still accept the reply to its previous request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4

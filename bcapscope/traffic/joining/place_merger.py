@@ -48,7 +48,7 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class CapturedTwins:
-    """What bcapscope knows about two captures of one conversation before it joins the captures.
+    """What bcapscope knows about the two places of a conversation before it joins the observations.
 
     Objects of this class are compared by identity.
 

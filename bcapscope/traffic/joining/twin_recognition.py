@@ -27,8 +27,8 @@ _REQUEST = Direction.REQUEST
 class NestedCalls(NamedTuple):
     """How well the calls of one conversation are nested in the calls of another conversation.
 
-    Inner and outer frames have the same bytes. A call is nested if its inner request comes after the outer
-    request, and its inner reply comes before the outer reply.
+    Equal bytes identify the same frame in both conversations. A call is nested if its inner request comes
+    after the outer request, and its inner reply comes before the outer reply.
 
     Attributes:
         calls: Number of nested calls.
