@@ -53,9 +53,9 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or value. A
     server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
-    DENSO Wave 2009 also shows two equal replies to a retried call. A gap in the controller's handles also
-    proves that the controller executed a call more than once. A gap in the handles proves nothing if it
-    contains more handles than the call has unanswered attempts.
+    DENSO Wave 2009 also shows two equal replies to a retried call. Handles that the controller skipped also
+    prove that the controller executed the call more than once. Skipped handles prove nothing if there are
+    more skipped handles than unanswered attempts.
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client

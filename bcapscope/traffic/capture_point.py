@@ -46,9 +46,10 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    `CrossingWindow` infers this time from the client's reaction times. A reaction time is the time between
-    the captures of a reply and of the client's next request. The client needs a part of this time to prepare
-    the request. The remaining part is the round trip from the capture point to the client and back.
+    `CrossingWindow` infers the maximum time from the client's reaction times. A reaction time is the time
+    between the captures of a reply and of the client's next request. The client needs a part of the reaction
+    time to prepare the request. The rest of the reaction time is the round trip from the capture point to the
+    client and back.
 
     Attributes:
         considered_below_ns: Only reaction times of the client below this limit in ns can change

@@ -16,7 +16,7 @@ class SerialTable:
     """The serials of open calls, and of recently completed calls.
 
     Attributes:
-        open_calls: Maps the serial of each attempt to its open call.
+        open_calls: Maps the serial of each attempt to the open call.
         reused: Maps each serial that a TCP client reused to the earlier calls that still wait for a reply,
             oldest first. The table replaces each complete call with the number of the call.
     """

@@ -18,9 +18,9 @@ A comparison has a field on the left, then one of
                          expression (RE2 syntax) anywhere
 
 arg[2][0] is the first element of the third argument: indexes start at 0 and
-work on every list. A condition can be a field alone. A field alone is false if
-its value is missing, 0, false, an empty text or an empty list. The words true
-and false are conditions, too.
+work on every list. A field can be a condition without a comparison. A field
+without a comparison is false if its value is missing, 0, false, an empty text
+or an empty list. The words true and false are conditions, too.
 
 On the right is one of
 
@@ -52,9 +52,10 @@ equals a decimal exactly; compare it with a range.
 A comparison is false if the field has no value, or a value of another type.
 The comparisons != and "not in" are false, too, if the field has no value. For
 example, a request has no hresult, so hresult != S_OK selects only replies. The
-filter not (hresult == S_OK) selects the same replies and all requests. Only
-comparisons with null are different: field == null is true if the field has no
-value, and field != null is true if the field has a value.
+filter not (hresult == S_OK) selects the same replies and all requests.
+Comparisons with null are different. The comparison field == null is true if
+the field has no value. The comparison field != null is true if the field has a
+value.
 """
 
 from __future__ import annotations

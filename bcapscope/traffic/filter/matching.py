@@ -15,8 +15,8 @@ from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.traffic.observation import Endpoint
 
 Match: TypeAlias = Callable[[object], bool | None]
-"""Returns whether a value matches. A test for equality returns None if value and literal have different
-types, because both == and != are false for such a value. All other tests return False if the types differ.
+"""Returns whether a value matches. A test for equality returns None if the types of value and literal differ.
+None makes both == and != false. All other tests return False if the types differ.
 """
 
 Number: TypeAlias = "int | float | Fraction"

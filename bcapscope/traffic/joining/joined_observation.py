@@ -28,7 +28,7 @@ class JoinedObservation(Observation):
     Attributes:
         at_client: Sighting at the client's side; None if the frame was not captured there.
         at_controller: Sighting at the controller's side; None if the frame was not captured there.
-        is_missed: Whether one place lacks the frame although traffic was captured at both places at the time.
+        is_missed: Whether one place lacks the frame although traffic was being captured at both places.
         is_relayed: Whether a proxy is between the two places.
         note: What a proxy did to the frame, from the comment on the packet; "" if the proxy did not change
             the frame.

@@ -16,7 +16,7 @@ nested calls in a row are very unlikely without a proxy.
 """
 
 FEWEST_CALLS = 2
-"""Number of nested calls that proves a proxy when the joiner can wait no longer for further calls."""
+"""Number of nested calls that proves two legs of a proxy after the joiner has waited for further calls."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
