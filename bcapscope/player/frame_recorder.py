@@ -46,7 +46,9 @@ class FrameRecorder:
     """Keeps every frame for the recording, and reports each frame for display unless `is_pacing`."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
-        """`send` is called with each frame unless `is_pacing`; `recording` is the file to write, or None."""
+        """While `is_pacing` is False, `send` is called with each frame. If `recording` is None, no file is
+        written.
+        """
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False
