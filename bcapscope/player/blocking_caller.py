@@ -155,7 +155,7 @@ class Channel:
 
 
 def _measure_epoch_offset() -> int:
-    """Return the offset of the system clock from the monotonic clock in ns: the largest of five measurements."""
+    """Return the system clock minus the monotonic clock in ns: the largest of five measurements."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 

@@ -39,9 +39,9 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push a cleanup task, then run the step that the task undoes.
 
-        If the reply to the step's call is lost, the controller may have executed the step. The cleanup task
-        is therefore on the stack before the step begins. If the controller refuses the step's call, remove
-        the cleanup task.
+        If the reply to the step's call is lost, the controller may have executed the step. The method
+        therefore pushes the cleanup task first. If the controller refuses the call, the method removes the
+        task.
         """
         self.push(task)
         try:

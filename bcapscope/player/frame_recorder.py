@@ -43,12 +43,9 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Keeps every frame for the recording, and reports each frame for display unless `is_pacing`."""
+    """Keeps every frame for the recording. While `is_pacing` is False, also sends each frame for display."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
-        """While `is_pacing` is False, `send` is called with each frame. If `recording` is None, no file is
-        written.
-        """
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False

@@ -36,9 +36,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values. After `capacity` values, `add` only updates the count, the
-        bins and the maximum.
-        """
+        """Allocate memory for `capacity` values. The bins and the maximum also cover further values."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))

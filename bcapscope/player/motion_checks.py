@@ -1,4 +1,4 @@
-"""Checks of a trajectory's motion: first point, distances, speeds, and standstill at the start and the end."""
+"""Checks of a trajectory's motion: first point, distances, speeds, and standstill at the start and end."""
 
 from __future__ import annotations
 

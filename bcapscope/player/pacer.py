@@ -64,8 +64,7 @@ buffer.
 """
 
 MIN_PERIOD_SHARE = 0.98
-"""Minimum average time between set points, as a share of the period. The clocks of player and controller
-differ by far less than the margin of 2 %.
+"""Minimum average time between set points, as a share of the period. The margin of 2 % exceeds clock errors.
 """
 
 _START_DELAY = 5_000_000
@@ -194,9 +193,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Store the time until the reply, minus the time by which the operating system prolonged the player's
-        sleep.
-        """
+        """Store the time until the reply, minus the time by which the player's sleep was too long."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept
@@ -336,8 +333,7 @@ class Pacer:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            # The reply does not move the next deadline, so `sent - due` already includes the time that was
-            # overslept.
+            # The reply does not move the next deadline, so `sent - due` already includes any oversleep.
             self._overslept = 0
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at

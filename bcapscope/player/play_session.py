@@ -88,9 +88,7 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Check the pipe for an order to stop or to halt. Report progress if a report is due. Raise
-        HaltedError on an order to halt.
-        """
+        """Obey orders from the pipe, and report progress. Raise HaltedError on an order to halt."""
         order = self._pipe.poll_order()
         if order is Order.HALT:
             raise HaltedError
@@ -237,8 +235,7 @@ class PlaySession:
             await self._prepare(trajectory)
             self._report_state(PlayState.ENTERING)
             await self._robot.set_formats(trajectory.kind)
-            # Push the cleanup task before the call, so that the cleanup leaves slave mode even if the call
-            # fails.
+            # Push the cleanup task first, so that the cleanup leaves slave mode even if the call fails.
             self._cleanup.push(CleanupTask.SLAVE_MODE)
             await self._robot.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
@@ -398,9 +395,7 @@ class PlaySession:
             raise PlayAbortedError(outcome, self._pipe.reason)
 
     def _stop_limits(self) -> ArmLimits:
-        """Return the arm's limits for a stop. `to_joints` is None, because a conversion to joints is too slow
-        during motion.
-        """
+        """Return the arm's limits for a stop, without `to_joints`, which is too slow during a motion."""
         base = limits_for_arm(self._robot.facts.get(TYPE_NAME_FACT, ""))
         return replace(with_limits(base, self._plan.limits), to_joints=None)
 

@@ -58,9 +58,7 @@ class PlayerPipe:
         os.set_blocking(messages, False)
 
     def read_plan(self) -> PlayPlan:
-        """Wait for the first line, and return its `PlayPlan`. Raise EOFError if the pipe closes before the
-        line is complete.
-        """
+        """Wait for the `PlayPlan` in the first line. Raise EOFError if the pipe closes during the wait."""
         parts = []
         newline = rest = b""
         while not newline:

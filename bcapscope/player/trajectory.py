@@ -1,6 +1,4 @@
-"""Trajectories: set points, their intervals and gaps, and their source file. The axes have the order of
-slvMove.
-"""
+"""Trajectories: set points in the order of slvMove's axes, with their intervals, gaps and source file."""
 
 from __future__ import annotations
 

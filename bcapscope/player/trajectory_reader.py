@@ -190,8 +190,8 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function skips tables without titles, because their meaning is unknown. The function also skips
-    captures: a project contains exports of WINCAPS III, and WINCAPS III exports no captures.
+    The function skips tables without titles, because their meaning is unknown. WINCAPS III exports no
+    captures, so the function also skips captures in the folder.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []
