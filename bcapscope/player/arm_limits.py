@@ -51,9 +51,8 @@ class ArmLimits:
     """Limits of one arm. `axis_count` is the number of joints; None if it is unknown.
 
     Attributes:
-        axes: Limits of each known axis; the key is the name of the axis. Limits of position are in degrees or
-            mm, limits of speed in degrees or mm per second, limits of acceleration per second squared. An
-            unknown limit is infinite.
+        axes: Limits of each known axis; the key is the name of the axis. Limits are in degrees or mm; limits
+            of speed are per second, limits of acceleration per second squared. An unknown limit is infinite.
         to_joints: Function that computes the joints for a pose of P or T type, and raises an exception if the
             pose is out of reach. None if the arm's kinematics are unknown.
     """

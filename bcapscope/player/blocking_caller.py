@@ -191,8 +191,8 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that is called for every frame. Arguments: True for a sent frame and False for a received frame,
-the bytes of the frame, and the time in ns of the channel's clock.
+"""Function that gets every frame. The first argument is True for a sent frame. The second argument is the
+frame's bytes. The third argument is the time in ns of the channel's clock.
 """
 
 

@@ -52,7 +52,7 @@ from bcapscope.protocol.tables.hresult import (
 SILENCE_TIMEOUT = 100_000_000
 """Time in ns, about twelve periods. After this time without a reply, the pacer sends no set point until a
 reply arrives. Over UDP, the pacer also gives the controller up after `SILENCE_TIMEOUT`. Over TCP, the pacer
-gives the controller up after the timeout of a call, because TCP may need more than 100 ms to retransmit.
+waits for the timeout of a call, because TCP may need more than 100 ms to retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000

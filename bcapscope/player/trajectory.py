@@ -174,7 +174,7 @@ def timing_from_send_times(times: Array) -> SetPointTiming:
     """Compute the timing from the times, in seconds, at which set points were sent.
 
     A controller takes one set point per cycle. If the usual interval is close to a cycle time, the function
-    therefore returns this cycle time as the period, and no times.
+    returns this cycle time as the period, without times.
     """
     steps = np.diff(times)
     if not len(steps):

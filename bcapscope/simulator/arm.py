@@ -69,7 +69,7 @@ class Arm:
 
     @property
     def goal(self) -> Joints:
-        """Joint positions at the end of the running motion; current joint positions if no motion is running."""
+        """Joint positions at the end of the running motion; current joint positions without a motion."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property

@@ -78,9 +78,9 @@ class ClientProgram(StrEnum):
     MOTION = "motion"
     """The client acts as in `CALLS`, takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """The client acts as in `MOTION`, moves to a first position with the pass motion @E, and sends set points
-    in slave mode. If the mode paces the client, each reply triggers the next set point. If the mode does not
-    pace the client, the client sends a set point every 8 ms.
+    """The client acts as in `MOTION`, moves to a first position with the pass motion @E, and enters slave
+    mode. If the mode paces the client, each reply triggers the next set point. If the mode does not pace the
+    client, the client sends a set point every 8 ms.
     """
     PASSING = "passing"
     """The client acts as in `SLAVE`, but the motion before slave mode has the pass motion @P."""

@@ -72,9 +72,8 @@ class SimulatorClock:
         """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
         If the simulator reads a request more than `STALL_NS` after the arrival, the model's time goes back to
-        the arrival. A request during a running call is most likely a retry, so the model's time does not go
-        back while a call runs. The simulator reads a request soon after its arrival, so the clock stores only
-        the last pause.
+        the arrival. While a call runs, a request is most likely a retry, so the model's time does not go
+        back. The simulator reads a request soon after its arrival, so the clock stores only the last pause.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
