@@ -40,8 +40,8 @@ class CleanupStack:
         """Push a cleanup task, then run the step that the task undoes.
 
         If the reply to the step's call is lost, the controller may have executed the step. The method
-        therefore pushes the cleanup task first. If the controller refuses the call, the method removes the
-        task.
+        therefore pushes the cleanup task before the step. If the controller refuses the call, the method
+        removes the cleanup task.
         """
         self.push(task)
         try:

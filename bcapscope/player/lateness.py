@@ -36,7 +36,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values. The bins and the maximum also cover further values."""
+        """Allocate memory for `capacity` values. Later values are not stored, but counted in bins."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))

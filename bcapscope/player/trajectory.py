@@ -1,4 +1,4 @@
-"""Trajectories: set points in the order of slvMove's axes, with their intervals, gaps and source file."""
+"""Trajectories: set points with the axes in slvMove's order, time intervals, gaps and the source file."""
 
 from __future__ import annotations
 

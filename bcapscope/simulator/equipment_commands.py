@@ -141,8 +141,8 @@ def _start(
     """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
     already moving. COBOTTA's hand also needs the motor.
 
-    If `waits` is True, the call lasts until the motion ends. A call that `waits` fails if the 2FG hand grips
-    nothing.
+    If `waits` is True, the call lasts until the motion ends. With `waits`, a grip of the 2FG hand fails if
+    the hand grips nothing.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:

@@ -185,8 +185,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles Rx, Ry, Rz of the rotation `first`·`second`.
 
-    If `other` contains no rotation, return the angles of `pose` unchanged. Computed angles could differ by a
-    full turn, so that set points jump.
+    If `other` contains no rotation, return the angles of `pose` unchanged. Set points would jump if the
+    computed angles differed by a full turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

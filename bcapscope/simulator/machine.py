@@ -35,7 +35,9 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Value of `Machine.owner` if the pendant or another network has the arm. Client numbers start at 1."""
+"""Value of `Machine.owner` while the pendant or a client outside this network has the arm. Client numbers
+start at 1.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,7 +347,7 @@ class Machine:
             self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return when the controller's next change without a call is due, in ns, or None."""
+        """Return the time in ns of the controller's next change without a call, or None."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

@@ -64,7 +64,8 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    # An array of two to four values is no pose, but names a variable: its number, pose type and pass motion.
+    # An array of two to four values is no pose: the values are a variable's number, pose type and pass
+    # motion.
     if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)

@@ -100,7 +100,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If sending replies took longer than `STALL_NS`, set the time back to the last call of `update`."""
+        """If sending replies took longer than `STALL_NS`, set the model's time back to the last `update`."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

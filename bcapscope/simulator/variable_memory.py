@@ -17,7 +17,7 @@ VARIABLES_PER_LETTER = 100
 """Variables of each letter."""
 
 MAX_FRAMES = 64
-"""Number of coordinate systems, numbered from 0, for tools and also for work. The number 64 is assumed."""
+"""There are 64 tool and 64 work coordinate systems, numbered from 0. The count 64 is an assumption."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
@@ -49,7 +49,7 @@ class VariableMemory:
         self.io = bytearray(IO_BYTES)
 
     def read(self, letter: str, index: int) -> Variant:
-        """Read a variable or refuse the call. The index of an I/O variable is the number of its first bit."""
+        """Read a variable; refuse an unknown variable. For an I/O variable, `index` is the first bit."""
         if letter.startswith("IO"):
             return self._read_io(letter, index)
         check_index(letter, index)
