@@ -295,7 +295,9 @@ class PlayRunner:
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
-        """Wait for messages from the player and for keys. Handle stop and halt keys. Return the messages."""
+        """Wait for messages from the player and for keys. Handle stop and halt keys. Return the player's
+        messages.
+        """
         watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
         ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
         if 0 in ready:

@@ -155,8 +155,8 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Exclude the mounted widgets from garbage collection. Scanning the widgets would delay the response
-        to keys.
+        """Exclude the mounted widgets from garbage collection. A garbage collection that scans the widgets
+        would delay the response to keys.
         """
         self.call_after_refresh(gc.freeze)
 
@@ -197,7 +197,7 @@ class ViewsScreen(BaseScreen):
 
     The content of a subclass must include three widgets: a `ViewBar`, an `InkedText` and a `Switcher`. The
     `InkedText` with the id ``head`` shows column titles. The `Switcher` contains one list for each view in
-    `VIEWS`. The id of a list is the name of the view.
+    `VIEWS`. The id of each list is the name of a view.
 
     Attributes:
         VIEWS: For each view name, the label id of the view. The screen starts with the first view.

@@ -160,7 +160,7 @@ class TrafficFeed:
         with self._lock:
             listener = self._listener
             if listener is None:
-                self._undelivered.pop(type(message), None)  # the new update becomes the last item
+                self._undelivered.pop(type(message), None)  # a new update becomes the last one
                 self._undelivered[type(message)] = message
         if listener is not None:
             listener(message)

@@ -33,7 +33,8 @@ class NoSeat(Exception):
 class ViewerSeats:
     """Limits the number of viewers of a served screen.
 
-    `ending` is the number of screen processes that are ending. Such a process still counts as a viewer.
+    `ending` is the number of screen processes that are ending. A screen process that is ending still counts
+    as a viewer.
     """
 
     def __init__(self, count: int) -> None:
