@@ -70,7 +70,7 @@ def shell_command(
     values = [text for text in texts if text is not None]
     if any(
         text.startswith("-") for text in values
-    ):  # click can read such a value, for example -e, as an option
+    ):  # click can read a value such as -e as an option
         words.append("--")
     line = shlex.join([*words, *values])
     return line if line == printable(line) else None
