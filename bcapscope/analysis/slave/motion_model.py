@@ -129,12 +129,11 @@ class MotionFacts:
     """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
     If the controller refuses a set point because the buffer is full, the client sends the set point again.
-    Except for `unread`, the facts leave out set points that were refused because of a full buffer.
+    The facts leave out set points that the controller refused because of a full buffer.
 
     Attributes:
         read: Number of set points with a readable pose.
-        unread: Number of set points that were refused because of a full buffer, or whose pose is unreadable
-            or of another type.
+        unread: Number of set points whose pose is unreadable or of another type.
         not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
@@ -246,10 +245,11 @@ class MotionModel:
     def add(self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns) -> None:
         if self._start is None:
             self._start = self._start_distance(rows, commanded, returned)
-        readable = commanded.has_pose & bool(self._axes) & (rows.codes != E_SLAVE_OVERFLOW)
+        taken = rows.codes != E_SLAVE_OVERFLOW
+        readable = taken & commanded.has_pose & bool(self._axes)
         finite: Bools = np.logical_and.reduce(np.isfinite(commanded.poses), axis=1)
         good = readable & finite
-        self._unread += int((~readable).sum())
+        self._unread += int((taken & ~readable).sum())
         self._list_not_finite(rows.frames[readable & ~finite].tolist())
         self._read += int(good.sum())
         poses, frames, times = commanded.poses[good], rows.frames[good], rows.origin + rows.times[good]
