@@ -184,8 +184,8 @@ class Session:
         return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot. The name of the variable decides whether
-        Variable_PutValue needs arming.
+        """Return whether a call may energise or move the robot. The variable's name and the value decide
+        whether Variable_PutValue needs arming.
         """
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)

@@ -120,8 +120,8 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope treats a result code as a four-digit code of RC7. A result code of RC7 has the
-    form 0000xxxx or 8000xxxx.
+    """Return whether bcapscope treats a result code as a four-digit code of RC7. bcapscope recognises RC7's
+    codes in the forms 0000xxxx and 8000xxxx.
     """
     code &= 0xFFFFFFFF
     in_range = any(first <= code <= last for first, last, _ in _RANGES)
