@@ -136,16 +136,14 @@ class Responder:
       attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
       of that attempt. The request may then be a retry of a known call, or a retry of a new call with the same
       contents.
-    * A new program on the port of an earlier program may start with the same serial. A call of the new
-      program may have the same contents as a call of the earlier program. The serial of the earlier call may
-      be the same or slightly higher. The new call then looks like a delayed attempt of the earlier call.
+    * A new program on the port of an earlier program may start with the same serial. A new call looks like a
+      delayed attempt of an earlier call with the same contents and an equal or slightly higher serial.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    The responder may know neither the serial in the request's header nor the serial in its reserved field.
-    The responder then assumes a retry only while the convention is `CHAIN` or unknown. If the responder
-    mistakes a new call for a retry, the controller does not execute the call, and the client gets the earlier
-    reply. The earlier reply may hold an old value, or report a motion that the robot made for the earlier
-    call.
+    A request whose serial and reserved field are both unknown counts as a retry only under the convention
+    `CHAIN` or `UNKNOWN`. If the responder mistakes a new call for a retry, the controller does not execute
+    the call, and the client gets the earlier reply. The earlier reply may hold an old value, or report a
+    motion that the robot made for the earlier call.
 
     If a new program uses a serial of an earlier program for a different call, the responder forgets the calls
     of the earlier program. After `remembered` calls of the new program, the responder has forgotten every
