@@ -88,10 +88,10 @@ class ArgumentReader:
 
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore an argument's length field. The reader therefore only checks that the length
-    field agrees with the value. If the reader cannot find the end of a value, the reader reads this value
-    again, up to the end that the length field gives. From then on, the reader respects the length field of
-    every argument, as the older C client does. Two values never share a byte, and the reader reads each byte
-    at most twice.
+    field agrees with the value. If a value has no recognisable end, the reader reads this value a second
+    time. The second reading ends where the length field says. Afterwards, the reader respects the length
+    field of every argument, as the older C client does. Two values never share a byte, and the reader reads
+    each byte at most twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.

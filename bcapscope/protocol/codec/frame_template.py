@@ -22,8 +22,8 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""Plan for a frame in which only one argument holds numbers. The plan consists of the values before this
-argument, the function that fills this argument, the value to fill, and the values after this argument.
+"""Plan for a frame in which only one argument holds numbers. The plan holds the preceding values, the
+function that fills the argument, the value to fill, and the following values.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024

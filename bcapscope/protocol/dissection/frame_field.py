@@ -301,7 +301,7 @@ class _FieldBuilder:
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
     """Return a sort key for a problem: its offset times two. If a value is truncated at the end of its
-    argument, the sort key is 1 lower, so that the problem belongs to this argument.
+    argument, the sort key is 1 lower. The lower key assigns the problem to this argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

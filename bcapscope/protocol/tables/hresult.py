@@ -58,7 +58,7 @@ _GUESSED_RC7_FORM = 0x80000000
 """Form 8000xxxx, which RC7 may use for its four-digit codes. No document shows this form."""
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
-"""Third hex digit of a result code that names motion, servo, system, user programs or pendant."""
+"""Values of the third hex digit of a result code: motion, servo, system, user programs, pendant."""
 
 
 # Without `__slots__`, the class can cache `text`. This cache speeds up the JSON of a million replies.
