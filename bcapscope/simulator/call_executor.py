@@ -107,7 +107,7 @@ class CallExecutor:
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self) -> None:
-        """End the session of a client that is gone. Open requests of the client get no reply."""
+        """End the session of a client that is gone. The client gets no more replies to its requests."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()
@@ -157,8 +157,8 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: its value, if there is one. If a function that can return a value
-        returns none, the profile decides between EMPTY and no argument.
+        """Return the arguments of a reply: its value, if there is one. If a function in
+        `_FUNCTIONS_WITH_RESULT` returns no value, the profile chooses EMPTY or no argument for the reply.
         """
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
