@@ -320,7 +320,7 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
         if request.opens_object and owner not in known:
             word = owner.lower()
             raise click.UsageError(
-                f"{request.function.name} needs a {word}. "
+                f"{request.function.name}: no {word} is open. "
                 f"Add --{word} NAME, or open the {word} in an earlier call"
             )
         if request.function.creates is not None:
