@@ -36,7 +36,6 @@ from bcapscope.simulator.kinematics import (
     FIG,
     Joints,
     PoseNumbers,
-    axis_beyond_limit,
     joints_of,
     moved_in_base,
     moved_in_tool,
@@ -67,8 +66,8 @@ def _joints(context: CallContext, pose_type: PoseType) -> Joints:
 
 
 def _out_range(context: CallContext) -> Variant:
-    """Run OutRange. The result is 0 if all axes are inside their limits, and -1 if the position is out of
-    reach. If an axis is beyond its limit, the result has the bit of the first such axis.
+    """Run OutRange. The result has one bit for each axis beyond its limits, and is -1 if the position is out
+    of reach.
     """
     items = context.items
     pose = items[0] if items and not isinstance(items[0].value, int | float) else context.parameter
@@ -78,8 +77,9 @@ def _out_range(context: CallContext) -> Variant:
         if refusal.hresult == E_INVALIDARG:
             raise
         return i4(_UNREACHABLE)
-    axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
-    return i4(1 << axis - 1 if axis else 0)
+    limits = context.machine.initial_state.limits
+    beyond = (not limit.low <= joint <= limit.high for joint, limit in zip(joints, limits, strict=False))
+    return i4(sum(is_beyond << index for index, is_beyond in enumerate(beyond)))
 
 
 def _check_virtual_fence(context: CallContext) -> Variant:

@@ -125,11 +125,11 @@ def test_a_session_of_several_calls(tmp_path: Path) -> None:
         (["Robot_Execute CurJnt", "Variable_GetValue"], "Variable_GetValue: no variable is open."),
         (
             ["Extension_GetName"],
-            "Extension_GetName: no extension is open. Add --extension NAME, or open the extension in an earlier",
+            "Extension_GetName: no extension is open. Add --extension NAME, or open the extension",
         ),
         (
             ["Controller_GetVariable I1", "Variable_Release", "Variable_GetName"],
-            "Variable_GetName: no variable is open. Add --variable NAME, or open the variable in an earlier call",
+            "Variable_GetName: no variable is open. Add --variable NAME, or open the variable in an",
         ),
         (["Robot_Execute CurJnt", "Robot_Bogus"], "line 2: unknown function 'Robot_Bogus'"),
         (["Robot_Execute 'x"], "line 1: no closing quotation"),

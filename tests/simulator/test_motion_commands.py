@@ -106,6 +106,7 @@ def test_beyond_reach_and_limits() -> None:
     assert operator.move("J(171,0,90,0,90,0)").hresult == 0x83204071
     assert operator.move("P(5000,0,0,0,0,0)").hresult == 0x83204232
     assert operator.robot("OutRange", bstr("J(0,140,90,0,0,0)")).value == 2
+    assert operator.robot("OutRange", bstr("J(0,140,90,0,900,0)")).value == 2 + 16
     assert operator.robot("OutRange", bstr("P(5000,0,0,0,0,0)")).value == -1
 
 

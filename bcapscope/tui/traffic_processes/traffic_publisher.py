@@ -84,8 +84,8 @@ class TrafficPublisher:
 
     def report_if_due(self, end_time: int) -> None:
         """Report progress at most every `FLUSH_INTERVAL`, and the analysis at most every `ANALYSIS_INTERVAL`.
-        The analysis assumes that the traffic ends at `end_time` (ns since 1970), or with the last frame if the
-        frame is later.
+        The analysis assumes that the traffic ends at `end_time` (ns since 1970), or with the last frame if
+        that frame is later.
         """
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
