@@ -225,7 +225,8 @@ async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaita
 
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     """Return the command of a Robot_Execute in lower case; "" for any other call."""
-    return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
+    command = command_name(function_id, arguments) if function_id == _ROBOT_EXECUTE else None
+    return (command or "").casefold()
 
 
 def requested_slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:

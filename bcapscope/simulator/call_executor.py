@@ -16,6 +16,7 @@ from bcapscope.errors import TooLargeError
 from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.protocol.retry.responder import RequestKind, Responder
+from bcapscope.protocol.tables.command_catalogue import command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.protocol.tables.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
 from bcapscope.simulator.call_outcome import CallResult, RunningCall
@@ -167,7 +168,5 @@ class CallExecutor:
         which = self._profile.no_argument
         if which is not NoArgument.SLVCHANGEMODE:
             return () if which is NoArgument.ALWAYS else (EMPTY,)
-        arguments = self._request[1]
-        command = arguments[1].value if function_id == _ROBOT_EXECUTE and len(arguments) > 1 else None
-        is_change_mode = isinstance(command, str) and command.casefold() == "slvchangemode"
-        return () if is_change_mode else (EMPTY,)
+        command = command_name(function_id, self._request[1]) if function_id == _ROBOT_EXECUTE else None
+        return () if (command or "").casefold() == "slvchangemode" else (EMPTY,)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, signed_function_id
 from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
@@ -29,13 +30,6 @@ C/src/bCAPServer/bcap_server.c).
 
 LONGEST_NAME = 256
 """Maximum number of characters of a command's or object's name. Real names are far shorter."""
-
-COMMAND_FUNCTIONS = frozenset(
-    function.id
-    for function in FUNCTIONS.values()
-    if len(function.params) > 1 and function.params[1].name == "bstrCommand"
-)
-"""The ..._Execute functions, which take a command name as their second argument."""
 
 _REQUEST = Direction.REQUEST
 _FUNCTION_ID = 9
@@ -70,9 +64,8 @@ def call_kind_of(request: Frame) -> CallKind:
     """Return the function and command of a request."""
     if request.code not in COMMAND_FUNCTIONS:
         return _BY_ID.get(request.code) or CallKind(signed_function_id(request.code), None)
-    arguments = request.arguments
-    value = arguments[1].variant.value if len(arguments) > 1 else None
-    return CallKind(request.code, shortened(value, LONGEST_NAME) if isinstance(value, str) else None)
+    command = command_name(request.code, request.variants)
+    return CallKind(request.code, None if command is None else shortened(command, LONGEST_NAME))
 
 
 class CallKinds:
