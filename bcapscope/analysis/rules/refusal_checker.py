@@ -41,7 +41,7 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move, with the names that `ClientState.topic_of` returns."""
+"""Calls that must succeed before the robot can move, as `ClientState.equivalent_command` names them."""
 
 
 class RefusalChecker(RuleChecker):
@@ -82,7 +82,7 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
         return RobotImpact.STOPPED
     function = FUNCTIONS.get(call.kind.function_id)
     opens = function is not None and function.creates in _NEEDED_OBJECTS
-    prepares = client.topic_of(call) in _PREPARATIONS
+    prepares = client.equivalent_command(call) in _PREPARATIONS
     return RobotImpact.PREVENTED if moves or opens or prepares else RobotImpact.NONE
 
 
