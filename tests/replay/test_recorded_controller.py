@@ -15,7 +15,7 @@ from bcapscope.protocol.tables.hresult import E_BUSY, E_FAIL, E_NOTIMPL, E_TOO_M
 from bcapscope.replay.recorded_controller import IDLE_CLIENT_NS, RecordedController, ScriptLookup
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.call_executor import MAX_WAITING
+from bcapscope.simulator.hosted_client import MAX_WAITING
 from bcapscope.simulator.simulator import MAX_CLIENTS, SimulatorOutput
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
