@@ -117,8 +117,8 @@ class TableRecords(Records[T]):
         return pyarrow.Table.from_batches(batches, schema)
 
     def _parts(self) -> Iterator[list[list[object]]]:
-        """Yield lists of column values, for a limited number of records at a time. If there are no records,
-        yield empty lists once.
+        """Yield one list of values per column, for at most `_ROWS_AT_ONCE` records at a time. If the table
+        has no records, yield one set of empty lists.
         """
         records, readers = iter(self), [column.read for column in self._columns]
         part = list(islice(records, _ROWS_AT_ONCE))
@@ -172,9 +172,7 @@ def _text(text: str | None) -> str | None:
 
 
 def _time(time: int) -> int | None:
-    """Return `time`, or None if pandas and Arrow cannot store this time. A damaged capture can have such
-    times.
-    """
+    """Return `time`; return None if the time of a damaged capture is too large for pandas and Arrow."""
     return time if abs(time) < 1 << 63 else None
 
 

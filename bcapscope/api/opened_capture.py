@@ -176,8 +176,8 @@ def open(
     taken_at: Literal["client", "between", "controller"] | None = None,
     on_error: Callable[[str, CaptureError], object] | None = None,
 ) -> Capture:
-    """Open captures (pcap or pcapng, plain or gzipped) and folders of captures. All of them are read as one
-    capture.
+    """Open captures (pcap or pcapng, plain or gzipped) and folders of captures. The returned `Capture`
+    combines the traffic of all captures.
 
     Several captures are read in the order of their first packets. Two captures of the same conversation,
     taken at different places, are joined.

@@ -106,7 +106,7 @@ class AppendLogReader:
         self._count = 0
 
     def __len__(self) -> int:
-        """Return the number of records that the last `refresh` found."""
+        """Return the number of records in the log at the latest call of `refresh`."""
         return self._count
 
     def refresh(self) -> int:

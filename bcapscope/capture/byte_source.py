@@ -10,8 +10,9 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 
 CHUNK_SIZE = 256 * 1024
-"""Number of bytes to request per read. A pipe returns the bytes that it has, so a large number causes no
-delay."""
+"""Number of bytes to request per read. A pipe with fewer bytes than requested returns its bytes without
+delay.
+"""
 
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_WINDOW = 31  # value of zlib's parameter `wbits` for data with a gzip header and the largest window
@@ -53,8 +54,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The gzip reader of the standard library is not used, because it waits until a buffer is full. If a file is
-    damaged, it also loses bytes that it has already decompressed.
+    The gzip reader of Python's standard library is not used, because that reader waits until its buffer is
+    full. From a damaged file, Python's gzip reader also loses decompressed bytes that precede the damage.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
@@ -109,8 +110,8 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Decompress byte by byte, and return the data before the damage. Raise CaptureError if there are
-        none.
+        """Decompress `packed` byte by byte, and return the bytes before the damage. Raise CaptureError if
+        `packed` yields no bytes before the damage.
         """
         data = bytearray()
         position = 0

@@ -45,7 +45,7 @@ _STATE_FIELDS = (
     "is_at_controller",
     "was_overtaken",
 )
-"""Attributes of a call that a record stores without conversion."""
+"""Names of the call attributes whose values `_Record.state` holds without conversion."""
 
 _state_of = attrgetter(*_STATE_FIELDS)
 
@@ -113,7 +113,7 @@ class CallStoreWriter:
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
         """Add a call or stray reply as a row.
 
-        The caller must write the row's frames to the observation store before it calls `flush`.
+        Before you call `flush`, write the frames of `settled` to the observation store.
         """
         if isinstance(settled, StrayReply):
             number = settled.observation.number

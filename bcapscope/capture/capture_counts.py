@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 class CaptureCounts:
     """Numbers of packets and observations of a capture, as read so far.
 
-    If a packet yields no observation, at most one field besides `packets` counts this packet.
+    A packet that yields no observation is counted in `packets`, perhaps in `cut`, and in at most one other
+    field.
 
     Attributes:
         packets: Number of packets read.

@@ -94,7 +94,8 @@ class _GrowingFile(io.RawIOBase):
     def read(self, size: int = -1) -> bytes:
         """Return up to `size` bytes; b"" only when the capture has ended."""
         while True:
-            over = self._ended.is_set()  # check this before the read, so that no byte is missed
+            # If this check came after the read, bytes written between read and check would be lost.
+            over = self._ended.is_set()
             data = self._file.read(size)
             if data or over:
                 return data or b""
@@ -175,7 +176,8 @@ def _captures_in(folder: str) -> list[str]:
 def _is_capture(path: str) -> bool:
     """Return whether a file begins like a readable capture. The file may be compressed with gzip.
 
-    A file that cannot be opened counts as a capture, so that the user gets an error.
+    Return True also for a file that cannot be opened. A later attempt to open the file then reports the error
+    to the user.
     """
     try:
         with Path(path).open("rb", buffering=0) as stream:

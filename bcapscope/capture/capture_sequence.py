@@ -23,8 +23,8 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of runs in a table; a table of this size takes 40 MB. If the table is full, the sources of
-later packets and frames are unknown.
+"""Maximum number of entries in a `RunTable`. A `RunTable` of this size takes 40 MB. After a `RunTable` is
+full, the origins of later packets and frames are unknown.
 """
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
@@ -52,12 +52,13 @@ class CaptureSequence:
     """Several captures that are read as one.
 
     Files are read in the order of their first packets. If files overlap in time, their packets are merged by
-    time. A stream is read at its position in the list of paths, because its first packet can be read only
-    once.
+    time. The time of a stream's first packet is not known in advance, because a stream can be read only once.
+    A stream is therefore read at the position of its path in the list of paths.
 
     Attributes:
-        paths: Paths of the captures. After reading has begun, they are in the order of reading.
-        size: Size of all files in bytes; None if a stream is among them, or before reading has begun.
+        paths: Paths of the captures. `__iter__` puts `paths` in the order of reading.
+        size: Size of all files in bytes. If a capture is a stream, or before `__iter__` is called, `size` is
+            None.
     """
 
     def __init__(
@@ -77,8 +78,8 @@ class CaptureSequence:
                 end. Reading continues with the next capture.
             clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
                 the path. If `clocks` is not None, the captures are read one after another in the order of
-                `paths`. They are not merged by time, because the errors of two clocks can be larger than the
-                time between two packets.
+                `paths`. Packets are not merged by time, because a clock's error can exceed the time between
+                two packets.
         """
         self.paths = list(paths)
         self.size: int | None = None
@@ -198,16 +199,17 @@ class CaptureSequence:
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
-    """Return the name that users see for each capture. It includes the folder only if two captures have the
-    same file name.
+    """Return the name that users see for each capture. If two captures have the same file name, users see the
+    paths instead.
     """
     count = Counter(Path(path).name for path in paths)
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 
 
 class RunTable:
-    """A table of runs. Each run maps successive numbers to successive numbers in one source, such as a
-    capture.
+    """Maps a number to a source, such as a capture, and to a number in this source. For example, packet 1200
+    of all captures may be packet 200 of the second capture. One entry of the table covers a range of
+    consecutive numbers.
     """
 
     def __init__(self) -> None:
@@ -216,10 +218,10 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Begin a run: `start` corresponds to `number` in `source`, `start` + 1 to `number` + 1, and so on.
+        """Add an entry that maps `start` to `number` in `source`, `start` + 1 to `number` + 1, and so on.
 
-        If the new run begins at the same number as the latest run, the new run replaces the latest run. If
-        the new run only continues the latest run, the table does not change.
+        If the latest entry has the same `start`, the new entry replaces the latest entry. If the latest entry
+        already maps `start` to `number` in `source`, the table does not change.
         """
         if len(self._starts) > MAX_RUNS:
             return
@@ -235,8 +237,8 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source of a number, and the corresponding number in this source; None if no run has the
-        number.
+        """Return the source to which `number` is mapped, and the number in this source; None if `number` is
+        not mapped.
         """
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
@@ -252,8 +254,8 @@ class FrameOrigins:
         self._origin_of_packet = origin_of_packet
 
     def add(self, frame: int, packet: int) -> None:
-        """Remember in which packet a frame is. The next frame is in the next packet, and so on, until this
-        method is called again.
+        """Remember the packet of a frame. A frame for which `add` is not called is in the packet after the
+        previous frame's packet.
         """
         self._packets_of_frames.add(frame, 0, packet)
 

@@ -19,7 +19,7 @@ LARGEST_BLOCK = 256 * 1024
 blocks."""
 
 MAX_ROWS = 16 * 1024
-"""Maximum number of rows per block. With 16 bytes per row, these rows hold `LARGEST_BLOCK` bytes."""
+"""Maximum number of rows per block. `MAX_ROWS` rows of 16 bytes each hold `LARGEST_BLOCK` bytes."""
 
 _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows of one block. After a longer gap, a new block
@@ -27,8 +27,9 @@ begins.
 """
 
 _BASES = {7: (16, 10, 8)}
-"""Possible number bases of an offset, for each number of digits. The program `od` prints offsets of seven
-digits in base 8, 10 or 16. An offset with another number of digits is hexadecimal.
+"""Number bases in which an offset may be written; the key is the offset's length in digits. The program `od`
+prints offsets of seven digits in base 8, 10 or 16. Offsets with more or fewer than seven digits are
+hexadecimal.
 """
 
 
@@ -130,11 +131,12 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Make the block end at the offset of the next row; return False if this is impossible.
+        """Shorten or fill the block up to `offset`, which is the offset of the next row. Return False if
+        `offset` does not fit the block.
 
         If the last row is too long, remove characters at its right end that were mistaken for hex. If rows
-        are missing, add the rows that an asterisk stands for, or note the gap. `offset` is hexadecimal,
-        decimal or octal text.
+        are missing, add the rows that an asterisk stands for, or add a note about the gap. `offset` is
+        hexadecimal, decimal or octal text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -163,8 +165,9 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """If an asterisk stands for a gap of `count` bytes, fill the gap with copies of the last row. If
-        there is no asterisk, only note the gap. Return False if the gap is too large.
+        """If an asterisk stands for a gap of `count` bytes, fill the gap with copies of the last row. Without
+        an asterisk, leave the bytes of the gap out, and add a note that says how many bytes are missing.
+        Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

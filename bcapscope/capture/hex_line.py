@@ -15,9 +15,9 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 MIN_HEX_BYTES = 8
-"""In the middle of prose, adjacent bytes are read as hex only if there are at least this many. Dates, times,
-MAC addresses, and words that consist only of the letters a to f are shorter. The smallest argument of a frame
-has ten bytes.
+"""Minimum number of adjacent bytes that are read as hex in the middle of prose. Dates, times, MAC addresses,
+and words of the letters a to f have fewer than `MIN_HEX_BYTES` bytes. The smallest argument of a frame has
+ten bytes.
 """
 
 LONGEST_ROW = 512
@@ -26,7 +26,7 @@ LONGEST_ROW = 512
 """
 
 
-# The pieces of a line are msgspec structs, because every line of a dump creates several pieces.
+# The pieces of a line are msgspec structs for speed: every line of a dump creates several pieces.
 # Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, creating a frozen dataclass 0.9 µs.
 # Unlike a named tuple, a struct never equals a struct of another class.
 class ProseText(msgspec.Struct, frozen=True):
@@ -98,8 +98,8 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""For each kind of token that can begin a run, the kinds of tokens that may follow in this run. In a run of
-groups or rows, the last token can be shorter than the others.
+"""Kinds of tokens that may follow the first token of a `_Run`; the key is the kind of the first token. The
+last token of a `_Run` that begins with a group or row can be shorter than the first token.
 """
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
@@ -171,7 +171,7 @@ def _dump_row(line: str, start: int) -> list[_Run]:
 
 
 def _hex_runs(line: str, start: int) -> Iterator[_Run]:
-    """Yield each run of consecutive tokens that may be hex. Each run is as long as possible."""
+    """Join consecutive tokens that may be hex, and yield a `_Run` for each longest possible sequence."""
     group: list[_Run] = []
     for token in _tokens(line, start):
         if group and token.kind not in _JOINABLE[group[0].kind]:

@@ -1,8 +1,8 @@
 """Find frames in text: hex that people paste from mails, documents, tools and screenshots.
 
 `bcapscope.capture.hex_line` finds the hex in a line. This module combines the bytes of several lines into
-packets, and takes each packet's direction and caption from the text. Prose, tables and words that look like
-hex are ignored.
+packets, and takes each packet's direction and caption from the text. Prose and tables are ignored, even if
+some of their words look like hex.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Maximum number of bytes that all asterisk lines of a text together may stand for. Without a limit, a short
-text could fill the memory."""
+"""Maximum total number of repeated bytes that bcapscope adds for the asterisk lines of one text. Without a
+limit, a short text could fill the memory.
+"""
 
 LARGEST_LIKELY = 64 * 1024
 """Largest plausible value of the length field, in bytes. A larger value is treated as damage, because frames
@@ -34,7 +35,7 @@ of real sessions have less than 10 KiB.
 """
 
 _LONGEST_COMPLETED = 1024
-"""A few bytes beside words may be added to a block only if the block has at most this many bytes. UDP frames
+"""Maximum size in bytes of a block that bcapscope completes with a few bytes from a line of prose. UDP frames
 have at most 503 bytes (orin_bcap dn_udp.h).
 """
 
@@ -188,8 +189,8 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes beside words. A few bytes may be the end of a frame, or belong to the bytes of
-        the next line.
+        """Handle a few bytes on a line that also contains words. A few bytes may be the end of a frame, or
+        belong to the bytes of the next line.
         """
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
@@ -232,7 +233,9 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the offset of the last frame in a full block; 0 if too many bytes follow that offset."""
+    """Return the offset of the last frame in a block; 0 if more than `LARGEST_LIKELY` bytes follow that
+    offset.
+    """
     start = (
         _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
         if _begins_as_frame(block.data)
@@ -283,7 +286,8 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
     """Return whether `block` continues an incomplete frame at the end of `before`.
 
-    A single byte must complete the frame, because other single bytes may be page numbers.
+    A single byte continues only a frame that lacks exactly one byte. A single byte after any other frame may
+    be a page number.
     """
     data = block.data
     lacking = _missing_bytes(before.data)
@@ -293,7 +297,7 @@ def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
 def _is_bcap_hex(block: HexBlock) -> bool:
     """Return whether a block holds b-CAP bytes.
 
-    Many bytes of b-CAP frames are zero. This distinguishes b-CAP from other hex.
+    Many bytes of b-CAP frames are zero. The many zeros distinguish b-CAP from other hex.
     """
     data = block.data
     if block.is_captioned and block.direction is not None:

@@ -8,12 +8,12 @@ from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
-"""Time in ns from the first fragment until an incomplete packet is dropped. Linux uses the same value
-(ipfrag_time).
+"""Time in ns from the first fragment until an incomplete packet is dropped. Linux also drops an incomplete
+packet after 30 s (ipfrag_time).
 """
 
 MEMORY_LIMIT = 4 * 1024 * 1024
-"""Maximum number of bytes held for all incomplete packets together. Linux uses the same value
+"""Maximum number of bytes held for all incomplete packets together. The limit of Linux is also 4 MiB
 (ipfrag_high_thresh).
 """
 
@@ -80,7 +80,7 @@ class IpReassembly:
     """
 
     def __init__(self, counts: CaptureCounts) -> None:
-        """Add to `counts` each packet that is dropped because fragments are missing or contradictory."""
+        """`counts.fragments_lost` counts the packets that the `IpReassembly` drops."""
         self._counts = counts
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0

@@ -20,8 +20,8 @@ that are older than the standard.
 """
 
 _MAX_LENGTH_FIELD = 1500
-"""If Ethernet's type field has at most this value, the value is a length. An LLC header then follows the
-field (IEEE 802.3).
+"""If Ethernet's type field has at most this value, the value is a length. If the type field holds a length,
+an LLC header follows (IEEE 802.3).
 """
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"
@@ -133,9 +133,10 @@ def _ppp(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """Return the offset of the byte after a loopback packet's address family, or `NOT_IP`.
+    """Return the offset of the IP header in a loopback packet, or `NOT_IP`.
 
-    The address family is in the byte order of the capturing machine (in network order for LINKTYPE_LOOP).
+    Before the IP header is the address family, in the byte order of the capturing machine (in network order
+    for LINKTYPE_LOOP).
     """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP

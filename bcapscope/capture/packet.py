@@ -30,7 +30,7 @@ class PacketOrigin(NamedTuple):
 
     Attributes:
         path: Path of the capture, as it was given.
-        name: Name of the capture that users see. It includes the folder only if another capture has the same
+        name: Name of the capture that users see: the file name, or `path` if another capture has the same
             file name.
         packet: Number of the packet in the capture, from 1.
     """

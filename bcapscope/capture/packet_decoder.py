@@ -54,8 +54,8 @@ class PacketDecoder:
         counts: Numbers of packets and observations so far.
         comments: Comments of the latest `COMMENTS_LIMIT` packets that have comments; the key is the packet
             number.
-        note_packet: Function that receives a frame number and the number of the frame's packet. The next
-            frame is in the next packet, and so on, until this function is called again.
+        note_packet: Function that receives a frame number and the number of the frame's packet. A frame for
+            which `note_packet` is not called is in the packet after the previous frame's packet.
         end_time: Latest capture time of all packets so far, of any protocol, ns since 1970; 0 before the
             first packet.
     """
@@ -101,7 +101,7 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # the fast path does not call it: each of its packets holds the next frame
+        note = self.note_packet  # the fast path does not call `note`: each packet there holds one frame
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:

@@ -26,8 +26,8 @@ LONGEST_NAME = 128
 """At most this many characters of an interface's name are kept."""
 
 COMMENTS_SIZE = 65_535
-"""At most this many bytes are read of all comments on one packet together. The limit is the largest size that
-one comment can have.
+"""Maximum total size in bytes of the comments that bcapscope reads per packet. One pcapng comment can have at
+most 65,535 bytes.
 """
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6

@@ -14,7 +14,7 @@ _SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
 _HEAD, _SIZE = struct.Struct("<IIIIIII"), struct.Struct("<I")
 _WORD = 0xFFFFFFFF
 _PADDING = b"", b"\0\0\0", b"\0\0", b"\0"
-"""Padding that extends data to a multiple of four bytes. The index is the two low bits of the data's size."""
+"""Padding that extends data to a multiple of four bytes; the index is the data's size modulo four."""
 
 _COMMENT, _NAME, _RESOLUTION = 1, 2, 9
 _END = struct.pack("<HH", 0, 0)
@@ -24,8 +24,8 @@ _LONGEST_OPTION = 65535
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Function that returns the blocks of two packets with the same varying data. The arguments of the function
-are the times of both packets, ns since 1970, and the varying data.
+"""Function that returns the pcapng blocks of two packets that end with the same bytes. The function's
+arguments are the times of the two packets, ns since 1970, and the bytes at the end of each packet.
 """
 
 
@@ -62,7 +62,8 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the finished blocks of `count` packets. A `pair_encoder` of this writer must have made them.
+        """Write the finished blocks of `count` packets. Pass only blocks from a function that this writer's
+        `pair_encoder` returned.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
@@ -73,11 +74,11 @@ class PcapngWriter:
     def pair_encoder(
         self, first: tuple[Interface, bytes], second: tuple[Interface, bytes], size: int
     ) -> PacketPairEncoder:
-        """Return a function that makes the blocks of two packets in one step. Two separate steps take
-        twice as long.
+        """Return a function that makes the blocks of two packets in one step. Making each packet's block
+        separately takes twice as long.
 
-        `first` and `second` are the interface and the constant first bytes of each packet. The last `size`
-        bytes vary, and are the same in both packets.
+        `first` and `second` each hold the interface of a packet and the constant bytes at the packet's start.
+        The returned function receives the `size` bytes that end both packets.
 
         Raises:
             OSError: The description of a new interface cannot be written, such as on a full disk.
@@ -106,8 +107,8 @@ class PcapngWriter:
         return make
 
     def _constant_parts(self, interface: Interface, head: bytes, size: int) -> tuple[bytes, bytes, bytes]:
-        """Return the bytes of a block before the time, between the time and the varying bytes, and after
-        them.
+        """Return the three constant parts of a packet block. Between the constant parts are the packet's time
+        and the packet's last `size` bytes.
         """
         number = self._interfaces.get(interface)
         if number is None:

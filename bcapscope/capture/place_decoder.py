@@ -1,4 +1,4 @@
-"""Decode several captures. Some of them hold the same conversation, captured at different places."""
+"""Decode several captures. Two captures of the same conversation can come from different places."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ class PlaceDecoder:
     """Turns the packets of several captures into observations, in chronological order.
 
     If two captures hold the same conversation, the conversation gets a `capture_side` in each capture. A
-    `Joiner` joins the observations by their `capture_side`. Times from the capture at the controller's side
-    are converted to the clock of the capture at the client's side. Packets are numbered over all files: first
-    files captured at the client's side, then files captured at the controller's side, then all other files.
+    `Joiner` uses `capture_side` to join the observations of the conversation. Times from the capture at the
+    controller's side are converted to the clock of the capture at the client's side. Packets are numbered
+    over all files: first files captured at the client's side, then files captured at the controller's side,
+    then all other files.
 
     Attributes:
         note_packet: Function that receives frame and packet numbers, as in `PacketDecoder`.
@@ -77,7 +78,7 @@ class PlaceDecoder:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of all captures. Captures that are named in the plans come first."""
+        """Paths of all captures. Captures that belong to a `PlacePlan` come first."""
         return [path for source in self._sources for path in source.sequence.paths]
 
     @property
@@ -148,8 +149,8 @@ class _Source:
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Group the plans that have conversations in common. An example is the plans for the files of two ring
-    recordings. Each group is in chronological order.
+    """Group the plans that have conversations in common. For example, two ring recordings of the same
+    conversation lead to several plans. The plans in a group are in chronological order.
     """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
@@ -162,8 +163,8 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """For each place, return the shared conversations. The keys are the ends of a conversation as captured at
-    this place.
+    """Return one dictionary for each of the two places, with the `CaptureSide` of each shared conversation.
+    The key of a `CaptureSide` is the conversation's client, controller and transport at this place.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

@@ -95,7 +95,7 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
 
 class _Sample:
-    """The frames in the first packets of a file, from the time `begin` on.
+    """Frames from the first packets of a file. Packets with a time before `begin` are ignored.
 
     Attributes:
         begins: Time of the first packet of the sample, ns since 1970; 0 if the sample has no packets.
@@ -159,8 +159,8 @@ def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client.
 
     A capture nearer to the client sees requests earlier and replies later. The clocks of the captures may
-    differ. The order is therefore found as follows: the time difference between the captures for requests is
-    compared with the time difference for replies.
+    differ. The function therefore compares two time differences between the captures: `request_offset` and
+    `reply_offset`.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -189,8 +189,9 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation of one file with at most one conversation of the other file. Prefer the
-        conversation with the same ends; if there is none, prefer the conversation with the most equal frames.
+        """Pair each conversation of one file with at most one conversation of the other file. Two
+        conversations with the same addresses and ports come first. Among other pairs, the pair with the
+        largest number of equal frames comes first.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):
@@ -233,7 +234,7 @@ class _Measurement:
 
 
 def _counted(packets: Iterable[Packet], file: PlaceFile) -> Iterator[Packet]:
-    """Yield packets. Store their number and the times of the first and the last packet in `file`."""
+    """Yield packets. Store the number of packets, and the first and last packet times, in `file`."""
     for packet in packets:
         file.packets += 1
         file.begins = file.begins or packet[0]

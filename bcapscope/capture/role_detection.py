@@ -39,14 +39,14 @@ VARIANT may have any type.
 
 HELD_ITEMS_LIMIT = 64
 """While the server of a conversation is unknown, bcapscope holds back at most this many items of the
-conversation. When this number is reached, bcapscope guesses the server. A single S_OK reply or a single
-request identifies the server, so real traffic needs one or two items.
+conversation. After `HELD_ITEMS_LIMIT` items, bcapscope guesses which end is the server. In real traffic, one
+S_OK reply or one request identifies the server, so one or two items are enough.
 """
 
 HELD_BYTES_LIMIT = 16 * 1024
 """While the server of a conversation is unknown, bcapscope holds back items of at most this total size in
-bytes. When this size is reached, bcapscope guesses the server. Frames of real sessions have less than 10 KiB.
-The server of up to 2,048 conversations can be unknown at a time.
+bytes. After `HELD_BYTES_LIMIT` bytes, bcapscope guesses which end is the server. Frames of real sessions have
+less than 10 KiB. Up to 2,048 conversations at a time can have an unknown server.
 """
 
 
@@ -62,8 +62,8 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEviden
     """Return the direction that the content proves, and the evidence; None if the content proves nothing.
 
     A code of 0 or 0x900, and a code with the top bit set, can only be a result code. The code 1 with one
-    string as argument is Service_Start, not S_FALSE. Any other function id proves that a frame is a request
-    only if the arguments fit the function.
+    string as argument is Service_Start, not S_FALSE. A function id identifies a request only if the arguments
+    of the frame fit the function.
     """
     if isinstance(item, Malformed) or item.problems:
         return None
@@ -162,12 +162,12 @@ class UndecidedConversation:
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        # Time when each stream ended. The key is a pair: the sender, and whether a RST ended the stream.
+        # End time of each stream; the key is the stream's sender, and True if a RST ended the stream.
         self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 
     def set_server(self, server: int, evidence: ServerEvidence) -> None:
-        """Set the server: its index, 0 or 1, and the evidence that shows it."""
+        """Store which end is the server: `server` is the index of this end, 0 or 1."""
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)

@@ -70,7 +70,7 @@ def parse_rotation(text: str) -> RotationLimits:
         elif as_time is not None and not seconds:
             seconds = int(as_time[1]) * _TIMES[as_time[2]]
         else:
-            raise ValueError(f"{part!r} is not a size such as 100MB or a time such as 1h, or is given twice")
+            raise ValueError(f"{part!r}: expected at most one size such as 100MB and one time such as 1h")
     if (size and size < _SMALLEST) or not size + seconds:
         raise ValueError(f"{text!r}: each file must hold at least 10kB and at least one second")
     return RotationLimits(int(found[1]), size, seconds)
@@ -180,7 +180,7 @@ class RotatingRecording:
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """If the disk is full, remove the ring's oldest file, but never one of the `kept` newest files.
+        """If the disk is full, remove the ring's oldest file. Never leave fewer than `kept` files.
 
         Return whether a file was removed.
         """
@@ -267,8 +267,8 @@ class RotatingRecording:
 def is_named_pipe(path: Path) -> bool:
     """Return whether `path` is a named pipe that exists.
 
-    On Windows, the name decides: asking the system would open the pipe, and Wireshark's pipe can be opened
-    only once.
+    On Windows, only the text of `path` is checked. Asking Windows would open the pipe, but Wireshark's pipe
+    can be opened only once.
     """
     if sys.platform == "win32":
         return str(path).startswith("\\\\.\\pipe\\")
@@ -279,7 +279,9 @@ def is_named_pipe(path: Path) -> bool:
 
 
 def _open_named_pipe(path: Path) -> io.FileIO:
-    """Open a named pipe for writing, or raise OSError. A program must already read the pipe."""
+    """Open a named pipe for writing. Raise OSError if opening fails, for example because no program reads the
+    pipe.
+    """
     if sys.platform == "win32":
         return io.FileIO(os.open(path, os.O_WRONLY | os.O_BINARY), "wb")
     try:

@@ -4,8 +4,7 @@ scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel cont
 License 2.0. The two licences do not permit both libraries in one program. Therefore scapy runs in a separate
 process that loads only scapy and Python's standard library. The process sends packets through a pipe.
 
-The process writes records to standard output: a `RECORD_HEADER` with kind, time and length, then `length`
-bytes of data.
+The process writes records to standard output: a `RECORD_HEADER`, then the data of the record.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ from enum import IntEnum
 from typing import Any, BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
-"""Head of a record, little-endian: kind, time in ns since 1970-01-01 UTC (in a `READY` record, the link
-type), and number of bytes that follow.
+"""Head of a record, little-endian: kind, number, and size of the data in bytes. The number of a `PACKET`
+record is the time in ns since 1970-01-01 UTC. The number of a `READY` record is the link type.
 """
 
 READ_TIMEOUT = 0.25
-"""When bcapscope reads, it waits at most this time in s for a packet. After each read, both processes handle
-interrupts, and notice whether the other process has ended.
+"""Maximum time in s that one read waits for a packet. After each read, bcapscope handles interrupts, and the
+sniffer process notices if bcapscope has ended.
 """
 
 
@@ -74,7 +73,7 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        # so that Python can flush stdout at exit without an error
+        # Redirect stdout to os.devnull, because Python flushes stdout at exit and would report an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)

@@ -33,8 +33,8 @@ writes several packets.
 """
 
 _SEQUENCE_NS = 4000
-"""Time in ns in which the initial sequence number of new TCP connections increases by one. A new connection
-between the same ends therefore starts with a higher number (RFC 9293, 3.4.1).
+"""Time in ns in which the initial sequence number of new TCP connections increases by one. If a client uses
+its port again, the new connection starts with a higher sequence number (RFC 9293, 3.4.1).
 """
 
 _MAX_HEADERS = 4096
@@ -97,8 +97,8 @@ class SocketRecording:
         return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write blocks that a function from `datagram_pair_encoder` returned; `pairs` is the number of pairs
-        of blocks.
+        """Write the two packets of each of `pairs` datagrams. `blocks` come from functions that
+        `datagram_pair_encoder` returned.
         """
         self._writer.write_blocks(blocks, 2 * pairs)
 
@@ -186,7 +186,7 @@ def _ip_header(source: Address, target: Address, protocol: int, size: int) -> by
 
 @lru_cache(_MAX_HEADERS)
 def _addresses_and_sum(source: str, target: str) -> tuple[bytes, int]:
-    """Return the addresses of an IP header, and their part of the checksum."""
+    """Return the address bytes of an IP header, and the sum of the 16-bit words in these bytes."""
     ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
     wide = any(end.version == 6 for end in ends)
     addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)

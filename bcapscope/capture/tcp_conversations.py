@@ -33,8 +33,8 @@ _HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 class _TrackedConnection:
     """A TCP connection, its two ends and its conversation.
 
-    `keys` holds the key of packets from sender 0, then the key of packets from sender 1. If source and
-    destination of a forged packet are equal, there is only one key.
+    `keys` holds the key of packets from sender 0, then the key of packets from sender 1. `keys` holds only
+    one key if both ends have the same address and port, as in a forged packet.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
@@ -179,8 +179,8 @@ def _recognise_bcap(
 ) -> UndecidedConversation | None:
     """Return a conversation if a segment between unknown ports looks like b-CAP; else None.
 
-    The first segment of a stream must begin like a frame. Any other segment must begin with a whole,
-    undamaged frame.
+    The first segment of a stream must begin like a frame. A later segment of a stream must begin with a
+    whole, undamaged frame.
     """
     if not may_begin_frame(segment.data):
         return None

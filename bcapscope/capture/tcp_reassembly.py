@@ -235,8 +235,8 @@ class TcpStream:
         """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
         unchanged.
 
-        A long frame needs only its first and its last mark. But if the frame's length field turns out to be
-        wrong, its bytes can contain other frames, which need all marks.
+        The times of a long frame need only the frame's first and last arrival marks. The other arrival marks
+        are kept in case the length field is wrong and the bytes contain several frames.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]

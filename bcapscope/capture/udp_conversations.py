@@ -24,8 +24,8 @@ C/src/bcap_server.c).
 If the flow of a client was dropped and the client returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""At most this many conversations may have an unknown server. Beyond this number, bcapscope guesses the
-server of the oldest conversation with an unknown server.
+"""At most this many conversations may have an unknown server. To make room for another conversation,
+bcapscope guesses which end of the oldest undecided conversation is the server.
 """
 
 
@@ -53,11 +53,11 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, arrival: tuple[int, int, int], note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a datagram with its 8-byte header, and return the items of conversations whose server is now
-        known.
+        """Accept a UDP datagram with its 8-byte header. Return the new and the held `TimedItem` objects of
+        each conversation whose server is now known.
 
-        `arrival` has the values of `began`, `time` and `packet` for a `TimedItem`. `note` is the reason why
-        the datagram is incomplete; None for a whole datagram.
+        `arrival` is a tuple of three fields of a `TimedItem`: `began`, `time` and `packet`. `note` is the
+        reason why the datagram is incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]

@@ -17,7 +17,7 @@ clients make for one call.
 """
 
 
-# The limit is in bytes. A hash replaces longer contents, which are rare in real sessions.
+# Maximum size in bytes of kept request contents. A hash replaces request contents of more than 512 bytes.
 _LONGEST_KEPT = 512
 
 
@@ -64,8 +64,8 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation. Return the attempt that a request is, or that a response
-        answers; None if the request of the response is unknown or old.
+        """Add the next frame of a UDP conversation. Return the attempt to which the frame belongs. If the
+        frame is a response to an unknown or old request, return None.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:

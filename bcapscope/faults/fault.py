@@ -101,8 +101,8 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         )
 
     def initial_state(self) -> Any:
-        """Return the initial state of the fault, which `draw` and `apply` change: often one value per
-        direction.
+        """Return a new object in which the fault keeps data between messages. `draw` and `apply` may change
+        the returned object.
         """
         return {}
 

@@ -10,8 +10,9 @@ depend only on the seed and on the fault's name. A fault draws numbers for each 
 even if other faults drop or change that message. Therefore, if you add a fault, the other faults still hit
 the same messages.
 
-Faults are applied in the order of the list. Each fault gets the result of the previous fault. If a fault
-drops or answers a message, or if the fault's action is `pass`, the message does not reach later faults.
+Faults are applied in the order of the list. A fault gets each message with the changes that earlier faults
+made. If a fault drops or answers a message, or if the fault's action is `pass`, the message does not reach
+later faults.
 """
 
 from __future__ import annotations
@@ -65,10 +66,9 @@ class _QueuedOutput:
     """An output that waits in the queue until its time to be sent.
 
     Attributes:
-        output: The output; None if it was moved to another entry of the queue.
-        behind: Number of messages of the flow that must overtake this output before it is sent; 0 if only the
-            time matters.
-        size: Number of bytes that the output occupies in the queue.
+        output: The output to send; None if another entry of the queue now has this output.
+        behind: Number of later messages of the flow that must still overtake this output.
+        size: Number of bytes that the output adds to the total for `MAX_WAITING`.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -148,8 +148,8 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return whether no message is held and no fault can hit, so that messages do not need the
-        injector.
+        """Return whether messages can skip the injector: no fault can hit a message, and the injector holds
+        or blocks nothing.
         """
         return (
             not self._queue
@@ -224,16 +224,16 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether faults hold messages of the flow, or a half-open fault blocks the conversation, so
-        that the proxy must not forward the end of a TCP stream yet.
+        """Return whether faults hold messages of the flow, or a half-open fault blocks the conversation.
+        While `holds` returns True for a TCP flow, the proxy must not forward the flow's FIN.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return False if a half-open fault blocks the conversation, so that its end must not be
-        forwarded.
+        """Return False if a half-open fault blocks the conversation. The caller must not forward a FIN or RST
+        of a blocked conversation.
         """
         return conversation not in self._half_open
 
@@ -324,8 +324,8 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return when to close a connection. `when` is the planned time, but a close with FIN waits until the
-        held messages of the connection are sent.
+        """Return the time in ns at which to close a connection; `when` is the planned time. A FIN must wait
+        until all held messages of the connection are sent.
         """
         if closing.how is CloseMode.RESET:
             return when
@@ -338,7 +338,7 @@ class FaultInjector:
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
         """Queue bytes for sending at `due`. Bytes of a stream are sent after all earlier bytes of the stream.
-        If enough messages have overtaken a held message, queue that message too.
+        Also queue each held message that enough later messages have overtaken.
         """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
@@ -366,8 +366,8 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Faults already hold too many bytes: if a datagram would be delayed, drop it. If only copies of the
-    datagram would be delayed, drop these copies.
+    """Drop a datagram that faults would delay, because faults already hold too many bytes. If faults would
+    delay copies of a datagram, but not the datagram, drop only the delayed copies.
     """
     if faulted.delay or faulted.held_behind:
         faulted.drop()

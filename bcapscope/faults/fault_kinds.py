@@ -96,8 +96,9 @@ class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
     """Forward the message later. Other datagrams may overtake a datagram; bytes of a stream stay in order.
 
     Attributes:
-        time: Delay before the jitter is added.
-        jitter: Variation of the delay. The sum of delay and jitter is never negative.
+        time: Delay without random variation.
+        jitter: Amount of random variation of the delay. If the random variation makes the delay negative, the
+            delay is 0.
     """
 
     time: DurationQuantity
@@ -330,8 +331,9 @@ class ExecutingFault(MessageFault, frozen=True, kw_only=True, tag="executing"):
 
 
 class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
-    """Close the TCP connections to client and controller, and drop the message. UDP is not affected. RST
-    closes the connection at once. FIN closes it after all messages that other faults hold were sent.
+    """Close the TCP connections to client and controller, and drop the message. UDP is not affected. An RST
+    closes the connections at once. A FIN closes the connections after all held messages of the conversation
+    are sent.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -422,8 +424,8 @@ ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
 )
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Alternative names of actions, as in tc-netem(8). A fault with an alternative name must have a main value,
-such as ``loss=5%``.
+"""Alternative names of actions, as in tc-netem(8). In the notation of a fault, an alternative name of an
+action requires a value, as in ``loss=5%``.
 """
 
 

@@ -1,5 +1,5 @@
-"""Decides whether a fault hits a message. This depends on time, direction, condition, attempt and
-probability.
+"""Decides whether a fault hits a message. The decision depends on the fault's time, direction, condition,
+attempt and probability.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether the fault's conditions test the request of a reply, or the attempt number of a frame."""
+        """Whether the fault's conditions depend on the request of each reply, or on the attempt number of
+        each frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None

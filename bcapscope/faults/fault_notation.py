@@ -84,7 +84,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""For each action, the fields that its main value sets."""
+"""Maps an action to the fields of the fault that the value after ``=`` sets."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}

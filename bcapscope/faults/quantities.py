@@ -83,7 +83,7 @@ class Share(float):
 
     @property
     def text(self) -> str:
-        """Share as a percentage, with at most fifteen decimal places."""
+        """The share as a percentage with at most fifteen decimal places, such as ``5%``."""
         return f"{self * 100:.15f}".rstrip("0").rstrip(".") + "%"
 
 
@@ -198,7 +198,7 @@ class Span:
 
     def clamp(self, number: float) -> float:
         """Return the number, or the nearest end if the number is outside the range. If the number is NaN,
-        return an end of the range that is finite.
+        return the lower end, or the upper end if the lower end is infinite.
         """
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high

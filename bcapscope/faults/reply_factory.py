@@ -1,4 +1,4 @@
-"""Makes replies in place of the controller. They have the serial and the reserved field that the client
+"""Makes replies in place of the controller, with the serial and the reserved field that the client
 expects.
 """
 
@@ -27,9 +27,9 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 class ReplyFactory:
     """Makes replies, and fills their reserved field in the same way as the controller does.
 
-    The factory learns the controller's convention from the controller's reply to a request that has a
-    reserved field other than 0. Until then, the replies have 0 in this field, as the replies of DENSO's
-    server do (orin_bcap C/src/bCAPServer/bcap_server.c).
+    In a reply, a controller either repeats the reserved field of the request, or sends 0. The factory learns
+    the controller's choice from a reply to a request whose reserved field is not 0. A factory that does not
+    know the controller's choice yet uses 0, like DENSO's server (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of series of similar messages. The field `step` of a `RewriteFault` needs the last message
-of each series. The oldest message is dropped first. A normal session has a few dozen series.
+"""Maximum number of messages that a `Rewriter` keeps for the field `step` of a `RewriteFault`. The rewriter
+keeps the last message of each series of similar messages (see `_series_key`), and drops the oldest message
+first. In a normal session, a rewriter keeps a few dozen messages.
 """
 
 MAX_BYTES = 1 << 20
 """Maximum total size in bytes of the messages that are kept for a `step`, after decompression. The decoded
-values of messages take up to 100 times as much memory as their bytes.
+values of a message take up to 100 times as much memory as the bytes of the message.
 """
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
@@ -34,19 +35,20 @@ ValueChange: TypeAlias = Callable[[Variant], Variant]
 """Function that returns the changed value, or the same object if nothing changes."""
 
 NumberChange: TypeAlias = Callable[[float, int], float]
-"""Function that returns the new value of a number. The second argument is the index of the number in its
-array.
+"""Function that returns the new value of a number. The arguments are the number, and the index of the number
+in its array.
 """
 
 
 class _LastMessage(NamedTuple):
-    """The last message of a series of similar messages, for the `step` of a `RewriteFault`.
+    """The previous message of a series of similar messages. The field `step` of a `RewriteFault` limits
+    changes from the previous message to the next message.
 
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: For each step, by its index: the value with which the value in the next message is
-            compared.
+        step_base: Base value of each step, with the index of the step as the key. The step limits the change
+            from the base value to the value in the next message.
         size: Number of bytes of the frame after decompression.
     """
 
@@ -84,7 +86,7 @@ def with_header(
 def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
     try:
         return encode_frame(*numbers, values, frame.framing)
-    # The reserved field of version 1 cannot be changed, or a value does not fit its type.
+    # A value does not fit its type, or a frame of version 1 must have 1 in the reserved field.
     except LocalProtocolError:
         return frame.raw
 
@@ -120,10 +122,10 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change of each number from the previous message of the series to this message.
+        """For each step, limit how far a number may differ from the previous message of the series.
 
-        A retry gets the same values as the first attempt. With other values, the controller would execute the
-        retry as a new call.
+        A retry gets the same values as the first attempt. A retry with other values than the first attempt
+        would make the controller execute a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)

@@ -151,10 +151,10 @@ class FaultedMessage:
     Attributes:
         delay: Sum of all delays, in ns.
         is_lost: True if the message is not forwarded.
-        is_final: True if later faults are skipped.
-        copy_delays: For each copy, the time in ns from sending the message to sending the copy.
-        held_behind: Number of messages that must overtake this message, and the maximum time in ns to wait
-            for them. None if the message is not reordered.
+        is_final: True if later faults must not get the message.
+        copy_delays: Delay of each copy in ns, counted from the sending of the message.
+        held_behind: Two values for a reordered message: how many later messages to send first, and the
+            maximum wait in ns. None if the message is not reordered.
         replies: Replies that faults made for the client, each with a delay in ns.
         close_mode: How to close the connection; None to keep it open.
         half_open: True if the conversation is blocked from now on.

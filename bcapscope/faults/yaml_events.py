@@ -1,8 +1,8 @@
 """Reads YAML as a sequence of events. bcapscope reads all its YAML input with this module.
 
 PyYAML's composers, which build a tree of nodes, call themselves for each level of nesting. The composer in C,
-which `msgspec.yaml` also uses, overflows the stack on deep input and crashes the process. Reading events
-needs no recursion. This module therefore checks the nesting first, and rejects input that is nested too deep.
+which `msgspec.yaml` also uses, overflows the stack on deep input and crashes the process. `yaml_events` needs
+no recursion, and rejects input with more than `MAX_LEVELS` levels of nesting.
 """
 
 from __future__ import annotations

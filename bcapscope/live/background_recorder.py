@@ -40,8 +40,8 @@ _MAKE_FOR_NS = 1_000_000
 """Maximum time in ns for encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Maximum time in s that `close` spends on encoding the waiting packets. `close` may spend the same time on
-writing these packets.
+"""Maximum time in s that `close` spends on encoding the waiting packets. `close` then waits at most
+`_ENDS_WITHIN` seconds until the encoded packets are written.
 """
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]

@@ -133,8 +133,8 @@ class ChildProcess:
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line that the command has printed so far, and from another thread with
-        later lines.
+        """Call `on_output` with each line that the command has printed so far. Another thread calls
+        `on_output` with later lines.
         """
         with self._lock:
             self._on_output = on_output
@@ -159,7 +159,7 @@ class ChildProcess:
         self._is_wanted = False
         before = self._line_count
         self._on_output = None
-        # Windows has no signal that a program can send to another program with its own console.
+        # On Windows, Python cannot send SIGINT to another process.
         graceful = () if sys.platform == "win32" else (signal.SIGINT, signal.SIGINT)
         for number in (*graceful, None):
             with suppress(OSError):

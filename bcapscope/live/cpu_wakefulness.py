@@ -26,7 +26,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Number of datagrams within `BUSY_WITHIN` seconds that counts as much traffic. It corresponds to 50 calls.
+"""There is much traffic if at least this many datagrams arrive within `BUSY_WITHIN` seconds. 100 datagrams
+are 50 calls.
 
 Set points every 8 ms, with their replies, are 250 datagrams per second.
 """
@@ -43,12 +44,12 @@ second, summed over all processors.
 """
 
 PAUSED_FOR = 60.0
-"""If the host took too much processor time, or Linux refused the limit, the proxy waits this many seconds. It
-then tries to set the limit again.
+"""If the host took too much processor time, or Linux refused the limit, the proxy waits this many seconds.
+After the wait, the proxy again tries to limit the wake-up time of the processors.
 """
 
 _MEASURED_EVERY = 1.0
-"""Seconds between measurements of the processor time that the host took."""
+"""Seconds between measurements of the processor time that the host took from the virtual machine."""
 
 _STREAM_BYTES_EACH = 64
 """This many bytes of a TCP stream count as one datagram. A set point has about 100 bytes; the reply to a set
@@ -61,8 +62,8 @@ _CPU_FOLDER = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
 
 _USUAL_LATENCY_US = 2
-"""Time in µs that a processor needs to wake from the lightest sleep. This value is used if Linux does not
-report the time.
+"""Time in µs that a processor needs to wake from the lightest sleep. bcapscope uses this value if Linux does
+not report the processor's own wake-up time.
 """
 
 _STEAL_COLUMN = 8
@@ -83,7 +84,7 @@ class CpuWakefulness:
     def __init__(self) -> None:
         self._has_haltpoll = _uses_haltpoll()
         self._limit_us = 0 if self._has_haltpoll else _lightest_latency_us()
-        self._device: int | None = None  # open while the limit is set
+        self._device: int | None = None  # descriptor of `_DEVICE`; None if no limit is set
         self._count_before, self._counted_at = 0, -math.inf
         self._busy_at = self._not_before = -math.inf
         self._measured_at = self._stolen_before = 0.0
@@ -93,7 +94,8 @@ class CpuWakefulness:
         return self._device is not None
 
     def update(self, datagrams: int, now: float) -> None:
-        """Decide whether the processors may sleep deeply. This depends on the number of datagrams so far.
+        """Allow or forbid deep sleep of the processors, depending on the traffic. `datagrams` is the total
+        number of datagrams so far.
 
         Call this method about twenty times per second. `now` is the time of a monotonic clock in seconds.
         """
@@ -112,7 +114,7 @@ class CpuWakefulness:
     def _forbid_deep_sleep(self, now: float) -> None:
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         if self._has_haltpoll and math.isnan(self._stolen_before):
-            # Nothing would show when the host takes too much time, so do not set the limit.
+            # Do not set the limit if the proxy cannot measure the processor time that the host takes.
             self._not_before = now + PAUSED_FOR
             return
         try:
@@ -130,7 +132,9 @@ class CpuWakefulness:
                 os.close(device)
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host took more time since the last check than `MAX_STOLEN_SHARE` allows."""
+        """Return whether the host took more processor time than `MAX_STOLEN_SHARE` allows. The measurement
+        starts at the previous check.
+        """
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         return self._stolen_before - before > MAX_STOLEN_SHARE * since

@@ -99,7 +99,7 @@ def end_signal_socket() -> Iterator[socket.socket]:
 
 @contextmanager
 def end_signals_blocked() -> Iterator[None]:
-    """Block Ctrl-C in child processes that start in this `with` block, until they have loaded.
+    """Child processes that start in this `with` block receive Ctrl-C only after they have loaded.
 
     A terminal sends Ctrl-C to all its processes. If a child process received Ctrl-C while it loads, it would
     end with a traceback. The child processes never receive SIGTERM or SIGHUP. When the `with` block ends,

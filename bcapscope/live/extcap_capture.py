@@ -24,9 +24,7 @@ from bcapscope.messages.message import foreign_text
 from bcapscope.messages.os_errors import os_reason
 
 CaptureEnds: TypeAlias = "SimpleQueue[Message | None]"
-"""Queue of reasons to end a capture. A reason is the message of a failure, or None if Wireshark ended the
-capture.
-"""
+"""Queue of reasons to end a capture: a `Message` for a failure, or None if Wireshark ended the capture."""
 
 _END_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -52,10 +50,10 @@ class CaptureFailedError(BcapError):
 
 @contextmanager
 def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
-    """Connect to Wireshark, and watch for the end of the capture during the block.
+    """Connect to Wireshark. The yielded queue receives a reason when the capture must end.
 
-    The pipe stays open until the program ends. If the capture fails, Wireshark then sees the end of the pipe.
-    Without this end, tshark 4.0 would wait forever for the first packet.
+    The pipe stays open until the program ends. After a failed capture, Wireshark therefore sees that the pipe
+    closes. If the pipe did not close, tshark 4.0 would wait forever for the first packet.
 
     Raises:
         FileWriteError: The pipe does not exist, or no program reads it.
@@ -69,11 +67,11 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 
 
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
-    """Run a command that records to `pipe`, until the queue `ends` contains a reason to end the capture.
+    """Run a command that records to `pipe`. End the command when a reason arrives in the queue `ends`.
 
-    The command runs in a child process, because it also prints messages to standard error. Wireshark would
-    show these messages as errors. The first signal ends the command gracefully. Further signals have no
-    effect.
+    The command runs in a child process, which keeps the command's messages on standard error away from
+    Wireshark. Wireshark would show the command's messages as errors. The first signal ends the command
+    gracefully. Further signals have no effect.
 
     Raises:
         CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.
@@ -104,7 +102,7 @@ def _start_failure(error: ChildStartError) -> Message:
 
 
 def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
-    """Open the pipe once a program reads it; return None if a signal ends the capture."""
+    """Wait until a program reads the pipe, then open the pipe. Return None if a signal ends the capture."""
     assert sys.platform != "win32"
     until = time.monotonic() + _READ_WITHIN
     while ends.empty():
@@ -129,8 +127,8 @@ def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
     elif descriptor is not None:
         parent, poll = os.getppid(), select.poll()
         poll.register(descriptor, 0)
-        # poll reports the error of a pipe without a reader, although no event is registered. If Wireshark is
-        # killed, its capture program still reads the pipe until the next packet.
+        # `poll` reports a pipe without a reader, even if no event is registered. If Wireshark is killed, only
+        # `getppid` shows the kill: Wireshark's capture program reads the pipe until the next packet.
         while not poll.poll(_PARENT_INTERVAL_MS) and os.getppid() == parent:
             pass
     ends.put(None)

@@ -30,8 +30,8 @@ BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
 The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
-watcher answers with a JSON list of `ClosingRequests`. All other messages from the relay are hints for the
-user, which the watcher prints if the proxy is too slow.
+watcher answers with a JSON list of `ClosingRequests`. Any other message from the relay is advice for the
+user. The watcher prints the relay's advice if the proxy is too slow.
 """
 
 INCOMPLETE = 6

@@ -27,8 +27,8 @@ class _ProxySide:
     """One leg of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
-        endpoints: Source and target of packets. The first pair is for packets to the client, the second pair
-            for packets to the controller.
+        endpoints: Source and target addresses of packets: first for packets to the client, then for packets
+            to the controller.
         begun: Whether the recording contains the start of the TCP connection.
     """
 
@@ -58,8 +58,8 @@ class ProxyRecorder:
     """Converts the relay's records into packets, sorts them by time, and writes them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """If `keeps_packet_numbers` is True, your code must call `next_packet_numbers` to read the numbers.
-        Until then, the recorder keeps them.
+        """If `keeps_packet_numbers` is True, the recorder keeps all packet numbers until your code reads them
+        with `next_packet_numbers`.
         """
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
@@ -74,8 +74,8 @@ class ProxyRecorder:
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order.
 
-        If an earlier packet may still arrive, a packet stays in memory. A later `add_records` or `flush`
-        writes it.
+        A packet stays in memory while packets with earlier times may still arrive. A later call of
+        `add_records` or `flush` writes the packets in memory.
         """
         if not self._recorder.is_complete:
             return
@@ -148,7 +148,7 @@ class ProxyRecorder:
         return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
-        """Write encoded packet pairs and empty the list. Return the number of pairs."""
+        """Write the datagrams in `blocks`, clear `blocks`, and return the number of datagrams."""
         count = len(blocks)
         if count:
             self._packets.write_blocks(b"".join(blocks), count)

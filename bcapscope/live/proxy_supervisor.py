@@ -68,7 +68,7 @@ _ENDS_WITHIN = 60.0
 _SESSIONS_CLOSE_WITHIN = 3.0
 """Maximum time in seconds for closing the sessions that UDP clients left open.
 
-There is a limit because an unreachable controller does not reply.
+The time is limited because an unreachable controller does not reply to the closing requests.
 """
 
 _TOTALS_WITHIN = 0.5
@@ -194,13 +194,13 @@ class ProxySupervisor:
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
         # Measured while other programs were busy: without real-time priority, one round trip in ten took 4 ms
-        # longer. With real-time priority, Linux runs the relay on the processor that the relay used before,
-        # so this processor should not sleep.
+        # longer. With real-time priority, Linux keeps the relay on the processor that the relay used before.
+        # The processor that runs the relay should therefore not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # Call `idle_priority_switch` after `realtime_priority`, because `idle_priority_switch` starts a
-            # thread. `realtime_priority` would lock the stack of an earlier thread in memory.
+            # `realtime_priority` locks the stacks of all existing threads in memory. `idle_priority_switch`
+            # starts a thread, so call `realtime_priority` first.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -279,14 +279,14 @@ class ProxySupervisor:
             self._memory.unlink()
 
     def _wait_for(self, is_ready: Callable[[float], bool]) -> None:
-        """Call `is_ready(seconds)`, which waits at most `seconds`, until it returns True. If a signal arrives
-        first, raise a `KeyboardInterrupt`.
+        """Repeat `is_ready(seconds)` until the result is True; each call waits at most `seconds`. Raise
+        `KeyboardInterrupt` if a signal arrives before the result is True.
         """
         while not is_ready(_POLL_INTERVAL):
             self._raise_if_ended()
 
     def _raise_if_ended(self) -> None:
-        if self._read_signals(1):  # leave a second signal for `must_end_now`
+        if self._read_signals(1):  # read only one signal, because `must_end_now` reads the second
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
@@ -337,11 +337,10 @@ class ProxySupervisor:
 
     def _receive_from_watcher(self) -> None:
         """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
-        sessions. The end of the pipe means that the watcher has ended.
+        sessions. A closed pipe means that the watcher has ended.
 
-        Another call of this method may have read the message already. If this call then waited for the next
-        message, it would wait forever, because the watcher waits for the relay. This method therefore never
-        blocks.
+        This method never waits for a message. An earlier call may have read the message already, and the
+        watcher sends no other message while the watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -365,7 +364,9 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions that UDP clients left open; first those with a robot that may move."""
+        """Close the sessions that UDP clients left open. Sessions in which a robot may still move are closed
+        first.
+        """
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -387,8 +388,8 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a descriptor is a pipe, a socket or a terminal. Only these report that their other end
-    was closed.
+    """Return whether a descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals report
+    that the other end was closed.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)

@@ -59,14 +59,14 @@ while it decodes.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""If less than this share of the ring is filled, undecoded records may wait. The watcher then pauses between
-polls, even if it has not decoded all traffic. Without these pauses, the watcher would keep a processor busy,
-and each round trip through the proxy would take longer.
+"""While less than this share of the ring is filled, the watcher pauses between polls, even if the watcher has
+not decoded all records. Without pauses between polls, the watcher would keep a processor busy, and each round
+trip through the proxy would take longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Maximum age in ns of undecoded traffic, without and with a screen that shows the traffic. If the traffic is
-older, the watcher decodes without pauses between polls.
+"""Maximum age in ns of undecoded traffic, without and with a screen that shows the traffic. If undecoded
+traffic is older than the maximum age, the watcher does not pause between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
@@ -305,7 +305,7 @@ class ProxyWatcher:
         self._traffic.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
-        # If the relay got the closing requests, the relay itself reports which UDP sessions it closed.
+        # After the watcher has sent the closing requests, the relay reports which UDP sessions were closed.
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)

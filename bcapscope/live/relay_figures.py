@@ -45,7 +45,9 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning if the relay has delayed data for longer than set points permit, but only once."""
+        """Return one warning if the relay delayed data for longer than `SET_POINT_DEADLINE_NS`; later calls
+        return None.
+        """
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True
@@ -88,7 +90,9 @@ class DelayStatistics:
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
-    """Return how many datagrams per second were sent since the counts `before` were taken."""
+    """Return how many datagrams per second the relay sent; `before` holds the counts from `seconds` seconds
+    earlier.
+    """
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)

@@ -42,7 +42,7 @@ class RelayedTraffic:
             self._add_joined(self._legs.add(seen))
 
     def expire(self, now: int) -> None:
-        """Complete the calls to which no further frame can belong after the time `now`, ns since 1970."""
+        """Complete the calls that are too old at the time `now` (ns since 1970) to receive further frames."""
         self._add_joined(self._legs.expire(now))
         self._pipeline.expire(self._legs.delivered_until)
 

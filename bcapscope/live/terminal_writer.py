@@ -1,5 +1,5 @@
 """Writes to a terminal from separate threads. If output to the terminal is stopped, for example by Ctrl-S,
-only these threads wait.
+only the writing threads wait.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.render.escape import printable
 
 MAX_WAITING = 20_000
-"""Maximum number of lines that may wait to be written. The same limit applies to messages. When the limit is
-reached, newer lines or messages are dropped and counted.
+"""Maximum number of lines, and also of messages, that may wait to be written. When the limit is reached,
+newer lines are dropped and counted, and newer messages are dropped.
 """
 
 _LINES_WITHIN = 2.0
 """Maximum time in seconds that `close` spends on writing the remaining lines."""
 
 _MESSAGES_WITHIN = 0.5
-"""Maximum time in seconds that `close` spends on writing the remaining messages, after the lines."""
+"""Maximum time in seconds that `close` spends on writing the remaining messages."""
 
 _WRITE_SIZE = 4096
 """Maximum number of bytes in one write. A pipe accepts a write of up to this size completely, or not at all
@@ -60,7 +60,7 @@ class TerminalWriter:
         self.shows_status = sys.stderr.isatty()
         self._changed = threading.Condition()
         self._stderr_lock = threading.Lock()
-        # If stdout is not the terminal, the status line must be written without waiting for lines.
+        # If stdout is a pipe that blocks, the status line on the terminal must not wait for stdout.
         self._shares_terminal = self.shows_status and sys.stdout.isatty()
         self._stdout_lock: AbstractContextManager[object] = (
             self._stderr_lock if self._shares_terminal else nullcontext()
@@ -96,7 +96,9 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Write the remaining lines, then the remaining messages. Both steps have a time limit."""
+        """Write the remaining lines, then the remaining messages. Give up the lines after `_LINES_WITHIN`
+        seconds, and the messages after `_MESSAGES_WITHIN` seconds.
+        """
         with self._changed:
             self._no_more_lines = True
             self._changed.notify_all()

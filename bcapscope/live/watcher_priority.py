@@ -3,16 +3,16 @@ programs.
 
 Measured 99.9th percentile of round trips: 2.6 ms with the watcher at nice 10, 0.5 ms with the watcher at idle
 priority. A client and a server ran on the same two processors. When another process wakes up, Linux
-interrupts a process of idle priority at once. A process of any other priority may first finish its time slice
-of about 3 ms.
+interrupts a process of idle priority at once. Linux may let a process above idle priority finish its time
+slice of about 3 ms.
 
 However, Linux sometimes interrupts a process with idle priority too late. Linux updates the run time of a
 process, and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher
 therefore also yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
 
-If other programs are always busy, a process of idle priority gets almost no processor time, and each yield
-gives up a whole time slice. The relay, which always gets the processor, therefore checks how far the watcher
-has read, and raises the watcher's priority if necessary.
+If other programs are always busy, a process of idle priority gets almost no processor time. A process that
+yields a busy processor gives up a whole time slice. The relay always gets processor time, and therefore
+checks how far the watcher has read. If necessary, the relay raises the watcher's priority.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ the watcher's priority.
 """
 
 OVERDUE_AFTER = 0.4
-"""Delay of the watcher in seconds after which its urgency is `ALL`, so that traffic is recorded within a
-second.
+"""If the watcher does not read new records within this many seconds, the watcher's urgency is `ALL`. Traffic
+is therefore recorded within a second.
 """
 
 MAX_RING_SHARE = 0.5

@@ -244,7 +244,7 @@ class AddonRunner(PipelineSubscriber):
         try:
             hook(*arguments)
         except BaseException as error:  # catch even SystemExit, because the process must continue
-            # check this first, because it takes long to find the line of an error
+            # call `_where` only for a new error, because `_where` takes long to find the line of an error
             if self._is_new(addon, name, "error"):
                 self._notices.append(Message("addon.error", hook=hook_name, error=_where(error)))
         took = self._clock() - began
@@ -252,8 +252,8 @@ class AddonRunner(PipelineSubscriber):
             self._notices.append(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count an error. Return True if the error is the first of its kind in this hook, so that the user
-        must see the error."""
+        """Count each problem of a hook, except slowness, as an error. Return whether this kind of problem is
+        new for the hook. The user sees only new kinds of problems."""
         self._errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported

@@ -27,8 +27,8 @@ behind NAT. The remaining 64 slots are enough for the clients of three controlle
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for clients that send a stop. If these slots are full, a new
-client that sends a stop replaces the oldest client in these slots.
+"""Number of additional slots per transport, reserved for clients that send a stop. If all reserved slots are
+full, a client that sends a stop replaces the oldest client in a reserved slot.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000
@@ -87,7 +87,7 @@ class ClientSlots:
 
     def occupy(self, session: RelaySession, slot: ClientSlot, is_fresh: bool) -> None:
         """Give a client the slot that `find_slot` found. `is_fresh` is True if the client has sent only one
-        datagram. Such a client may never send a second one.
+        datagram.
         """
         number = session.number
         if slot is ClientSlot.RESERVED:
@@ -113,7 +113,8 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if there is none."""
+        """Disconnect the client that has held a reserved slot longest. Return False if no client has a
+        reserved slot."""
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -122,8 +123,8 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of `source`, or of any source if `source` is None. Return False if none may be
-        evicted.
+        """Evict a client of `source`, or of any source if `source` is None. Return False if the proxy must
+        not evict any of these clients.
         """
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
@@ -133,8 +134,8 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if none may be evicted. If a search finds no
-        client, further calls with the same `now` return None without another search.
+        """Return the client that has been idle longest; None if the proxy must not evict any client. If a
+        search finds no client, further calls with the same `now` return None without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -150,8 +151,8 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client of `source`, or of any source if `source` is None; None if there is
-        none, or if it is too early to evict another fresh client.
+        """Return the oldest fresh client from the network `source`; from any network if `source` is None.
+        Return None if no fresh client matches, or if the limit for evictions of fresh clients is reached.
         """
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:

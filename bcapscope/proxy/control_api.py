@@ -39,8 +39,8 @@ class ControlApi:
 
     def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
         """Execute a request, which is a line of JSON. Return the response as a line of JSON, and whether the
-        request was JSON. If it was not, the sender is not a control client. Even an invalid request gets a
-        response.
+        request was JSON. If the request is not JSON, the sender is not a control client. Even an invalid
+        request gets a response.
         """
         is_json = True
         try:
@@ -74,7 +74,7 @@ class ControlApi:
                 return control.FaultResponse(name=self._change_fault(request, now))
 
     def _change_fault(self, request: control.FaultChange, now: int) -> str:
-        """Add, remove or switch a fault. Return the name of the fault."""
+        """Add or remove a fault, or switch a fault on or off. Return the name of the fault."""
         shaper = self._rules.shaper
         if isinstance(request, control.AddFault):
             if bool(request.rule) == bool(request.fault):
@@ -113,7 +113,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # refuse an edit without effect: after a typing error, the proxy must not forward the motion unchanged
+        # If an edit has no effect after a typing error, the proxy must not forward the unchanged motion.
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

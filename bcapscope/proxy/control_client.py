@@ -22,7 +22,7 @@ ANSWERS_WITHIN = 10.0
 
 LARGEST_LIST = 16 << 20
 """Maximum size, in bytes, of a response that lists held messages: enough for a thousand messages of 8,000
-bytes. Other responses have at most `LONGEST_LINE` bytes.
+bytes. A response that does not list held messages has at most `LONGEST_LINE` bytes.
 """
 
 _LONGEST_REASON = 1000

@@ -129,8 +129,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. `error` is the reason in English; `message` is the reason as the data
-    that `message_to_data` returns. The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request. `error` holds the reason in English. `message` holds the same reason in
+    the format of `message_to_data`. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -316,7 +316,7 @@ def decode_request(line: bytes) -> ControlRequest:
 
     Raises:
         JSONDecodeError: The line is not JSON, so the sender is not a control client.
-        DocumentError: The JSON is not a valid request; the error names the wrong field.
+        DocumentError: The JSON is not a valid request. The error names the field that is invalid.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request

@@ -67,7 +67,7 @@ class ControlServer:
             sock, _address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
             return
-        except OSError:  # for example, no file descriptor is free; the client has to wait
+        except OSError:  # the client has to wait, for example until a file descriptor is free
             self.watcher.pause(self._socket.fileno())
             return
         if len(self.connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
@@ -108,8 +108,8 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one line per event, so that many control requests neither delay traffic for long nor
-        fill the memory.
+        """Answer at most one line per event. Many control requests must not delay traffic for long or fill
+        the memory.
         """
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):

@@ -76,8 +76,8 @@ class DirectionState:
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits until the scripts decide about it, the state of its direction, and the decision
-    about all data that arrived with it.
+    """A message that waits for a decision of the scripts. `decision` covers all data that arrived together
+    with the message.
     """
 
     message: WireMessage
@@ -140,8 +140,7 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Some motions wait for the scripts. Mark those that must not start, because the proxy forwards a stop
-    before them.
+    """Cancel motions that still wait for the scripts when the proxy forwards a stop.
 
     A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
     of all clients of the controller, because a program may send these calls over a separate connection. A

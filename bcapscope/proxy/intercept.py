@@ -44,13 +44,13 @@ class HeldMessage:
             only a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
         since: Start of the hold, in ns.
-        until: End of the hold, in ns. At this time, the proxy forwards the message unchanged, or drops it if
-            the client no longer waits.
+        until: Time in ns at which the proxy forwards the message, or drops the message if the client no
+            longer waits.
         last_attempt_at: Time of the latest attempt, in ns.
-        repeats: Number of later packets of the same call, which have no number of their own.
+        repeats: Number of later packets of the same call. The user sees these packets only in this count.
         subject: Call or reply to which the user's decision applies; None for messages without retries.
-        abandoned_because: Why the client no longer waits, if its traffic shows this; None if the client may
-            still wait.
+        abandoned_because: Evidence in the client's traffic that the client no longer waits; None without such
+            evidence.
     """
 
     number: int
@@ -244,7 +244,8 @@ class Intercept:
         return Message("held.dropped-as", number=number), None
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision at the end, because decisions expire in the order in which they are stored."""
+        """Add a decision to the end of `_past_decisions`. The first decision in `_past_decisions` expires
+        first."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:

@@ -71,9 +71,8 @@ def open_ticker(seconds: float) -> int | None:
     """Open a file descriptor that becomes readable every `seconds`. Return None if the system has no such
     timer.
 
-    A program that waits for this descriptor wakes up regularly, so it can wait for events without a time
-    limit. With a time limit, each wait would set a timer. This timer lengthened a round trip of 21 µs by 1
-    µs.
+    A poller that watches this descriptor wakes up regularly, even if no poll has a time limit. A poll with a
+    time limit sets a timer, which lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None
@@ -99,8 +98,9 @@ class DescriptorWatcher:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may give a new descriptor the number of a descriptor that was just closed. Events of the
-        current poll still belong to the closed descriptor, so `handler` is not called before the next poll.
+        The system may give a new descriptor the number of a descriptor that was just closed. The current poll
+        may still report events of the closed descriptor. The watcher calls the `handler` of a reused number
+        only after the next poll.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -125,7 +125,8 @@ class DescriptorWatcher:
             self._poller.modify(self._paused.pop(), READ)
 
     def _adopt_new_handlers(self) -> None:
-        """Start to call the handlers of new file descriptors that reuse the numbers of closed descriptors."""
+        """Activate the handlers that `watch` postponed because their descriptors reuse the numbers of closed
+        descriptors."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()

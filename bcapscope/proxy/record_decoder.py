@@ -1,10 +1,10 @@
 """Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
-Observations show the client's side: requests as received by the proxy, and replies as sent to the client. A
-request that a proxy rule dropped therefore gives an observation; a reply that a proxy rule dropped does not.
+Observations show the client's side: requests as received by the proxy, and replies as sent to the client. The
+decoder yields an observation for a request that a proxy rule dropped, but not for a dropped reply.
 
-After the first message that the proxy did not forward unchanged and at once, the decoder also yields the
-observations of the controller's side.
+After the proxy first changes, delays or drops a message, the decoder also yields observations of the
+controller's side.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ class _Client:
     """A client and the streams of its conversation.
 
     Attributes:
-        streams: For each direction (`up`), the streams on the decoded sides, the sender's side first.
+        streams: Streams of each direction (True for requests): on the client's side and, if decoded, on the
+            controller's side. The stream on the sender's side comes first.
         decodes_far_side: Whether `streams` also has the streams on the controller's side.
     """
 
@@ -107,9 +108,10 @@ class RecordDecoder:
     """Decodes the records of all clients."""
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Start without clients. Before the first observation on the controller's side, `join_legs` receives
-        a client's conversation with the proxy, and the proxy's conversation with the controller. If
-        `join_legs` is None, the decoder never decodes the controller's side.
+        """Start without clients. The decoder calls `join_legs` for a client before the client's first
+        observation of the controller's side. `join_legs` gets the client's conversation with the proxy, and
+        the proxy's conversation with the controller. If `join_legs` is None, the decoder never decodes the
+        controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -120,7 +122,7 @@ class RecordDecoder:
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
-        """The relay's number for each connected client, by conversation."""
+        """Maps the conversation of each connected client to the client's number in the relay."""
         return {client.conversation: number for number, client in self._clients.items()}
 
     @property
@@ -129,7 +131,7 @@ class RecordDecoder:
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
     def next_number(self) -> int:
-        """Return the number of the next observation, for an observation that had no number yet."""
+        """Return the next unused observation number."""
         self.observation_count += 1
         return self.observation_count
 

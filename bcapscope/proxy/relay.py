@@ -45,9 +45,9 @@ bytes.
 """
 
 _SPARE_DESCRIPTORS = 4
-"""Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
-client needs two descriptors. A UDP client needs one descriptor. A client that has not sent a complete frame
-also needs only one.
+"""Number of spare file descriptors for clients that send a stop when no other descriptor is free. A UDP
+client needs one descriptor. A TCP client needs one descriptor before its first complete frame, and two
+descriptors afterwards.
 """
 
 
@@ -95,7 +95,7 @@ class Relay(DescriptorWatcher):
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. Signal handlers and functions that `run` calls may use this method."""
+        """Make `run` return soon. A caller may be a signal handler, or a function that runs during `run`."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
@@ -158,8 +158,8 @@ class Relay(DescriptorWatcher):
             self.notify(Message(case, client=str(client), reason=why))
 
     def free_descriptor(self, *, is_admitted: bool = True) -> bool:
-        """Free a file descriptor for an admitted client, or for a new TCP client that may send a stop first.
-        Return whether this succeeded.
+        """Release a spare file descriptor, or disconnect a client to free its descriptor. Return whether a
+        descriptor is now free. `is_admitted` is False for a TCP client that has not sent its first frame.
         """
         return (
             (not is_admitted and self.spares.release_one(keep=1))
@@ -207,9 +207,7 @@ class Relay(DescriptorWatcher):
             self._record_and_perform(session, up, data, received_at, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Record the data of this direction that still waits for a decision, so that later records of this
-        direction follow it in the ring.
-        """
+        """Write the undecided data of one direction to the ring before any later record of this direction."""
         for decision, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[decision]
@@ -222,24 +220,26 @@ class Relay(DescriptorWatcher):
             sent_at = session.send(up, data)
             self.ring.write_record(up, session.number, received_at, sent_at, data)
             return
-        # without a note, no proxy rule changed the data
+        # `notes` is empty if no proxy rule changed the data
         self.counts[RelayCounter.RULED] += bool(decision.notes)
         self.ring.write_record(up, session.number, received_at, 0, data, note=encode_note(decision.note))
         self._perform(decision.actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Report the end of a stream to the proxy's rules. Return whether to forward this end now."""
+        """Report the end of a stream to the proxy's rules. Return whether the session may forward the FIN
+        now."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
         return not self.holds(session, up)
 
     def holds(self, session: RelaySession, up: bool) -> bool:
-        """Return whether the proxy holds data of a direction, so that the end of the stream has to wait."""
+        """Return whether the proxy holds data of a direction. A session must not forward a FIN before the
+        held data."""
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a rule hides from each end of the traffic that the other end has disconnected."""
+        """Return whether a half-open fault prevents the session from forwarding any FIN or RST."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
@@ -322,7 +322,8 @@ class Relay(DescriptorWatcher):
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Do this after the sweep: after a standstill, clients with unread data must not count as silent.
+        # Update `now` only after the sweep. After a standstill of the relay, the sweep must not count clients
+        # with unread data as silent.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -343,7 +344,8 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; return b"" for None. A note that is too long is shortened, in English."""
+    """Encode a note for the ring; return b"" for None. If a note is too long, encode only the first
+    `_LONGEST_CUT_NOTE` characters of its English text."""
     if note is None:
         return b""
     data = encode_message(note)

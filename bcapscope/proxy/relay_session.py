@@ -57,9 +57,9 @@ class RelaySession(ABC):
         if part of the data still waits.
         """
 
-    def resume(self) -> None:  # noqa: B027 - UDP has no end to forward, and UDP sessions never stop reading
-        """Forward an end of a stream that waited for held data, and read again, if the rules hold less data
-        now.
+    def resume(self) -> None:  # noqa: B027 - a UDP session never pauses, and needs no code here
+        """Continue after the rules have released held data: forward a delayed FIN, and read from paused
+        sockets again.
         """
 
     @abstractmethod
@@ -79,8 +79,12 @@ class RelaySession(ABC):
 
 
 class ClientListener(ABC):
-    """A socket that accepts clients for one controller. `controller` has the address family and the address
-    of the controller, `to` its host and port. `address` is the host and port on which the socket listens.
+    """A socket that accepts clients for one controller.
+
+    Attributes:
+        controller: Address family and socket address of the controller.
+        to: Host and port of the controller.
+        address: Host and port on which the socket listens.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, transport: Transport) -> None:

@@ -48,11 +48,11 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return whether a controller may interpret a request as one that this target describes.
+        """Return whether a request may make any controller execute a call that this target describes.
 
         Args:
-            command: Command of the request; None if controllers may interpret it differently. Like
-                orin_bcap's C code, ignore text after a NUL, and blanks around the command.
+            command: Command of the request; None if different controllers may read different commands. Like
+                orin_bcap's C code, this method ignores text after a NUL, and blanks around the command.
         """
         if self.function_id not in (None, function_id):
             return False
@@ -101,8 +101,8 @@ class RequestGuard:
     def __init__(
         self, read_only: bool = False, block: Iterable[GuardTarget] = (), allow: Iterable[GuardTarget] = ()
     ) -> None:
-        """Refuse the requests in `block`. With `read_only`, also refuse unknown requests, and requests that
-        move the robot or change its state, unless they are in `allow`.
+        """Refuse the requests in `block`. With `read_only`, also refuse requests that are unknown, move the
+        robot or change the robot's state. `allow` lists exceptions to `read_only`.
         """
         self.read_only = read_only
         self._block = tuple(block)
@@ -158,7 +158,7 @@ class RequestGuard:
 
 
 def _only_stops(request: Frame) -> bool:
-    """Return whether a request only stops something or releases a handle, whichever way it is interpreted."""
+    """Return whether a request only stops something or releases a handle, on every controller."""
     values = request.variants
     if not always_passes(request.code, values) or not _is_whole(request) or not _reads_one_way(request):
         return False
@@ -178,8 +178,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A frame with a zlib header must unpack to a valid frame. It must also be too short for a plain frame: as a
-    plain frame, the same bytes would announce at least 376 arguments.
+    A frame with a zlib header must unpack to a valid frame, and must be too short to be plain. The bytes of a
+    zlib header in a plain frame would announce at least 376 arguments.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -2,8 +2,8 @@
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
 the record is lost and counted. One process writes and one process reads. The processor may store the new
-write position before it stores the record itself. Therefore each poll of the ring returns only the records
-that were written before the previous poll.
+write position before the record itself. A reader therefore leaves new records in the ring until its next
+poll, so that these records are complete.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 RING_OVERHEAD = 1 << 17
-"""Size in bytes of the shared memory without the ring itself: a header, and a margin behind the end of the
-ring."""
+"""Size in bytes of the parts of the shared memory outside the ring: the header and the margin."""
 
 _HEADER_SIZE = 4096
-"""Size in bytes of the header: positions of writer and readers, urgency, counters and figures."""
+"""Size in bytes of the header, which holds the positions in the ring, `urgency`, `counts` and `figures`."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes behind the end of the ring. A record may extend into these bytes, so that no record is ever
-split. Header and margin together are a multiple of every page size, so that all processes see the same size.
+"""Number of bytes of shared memory after the last byte of the ring. A record near the end of the ring may
+extend into the margin, so that no record is ever split. `RING_OVERHEAD` is a multiple of every page size,
+because systems may round shared memory up to whole pages.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
@@ -42,8 +42,7 @@ in the same order.
 """
 
 MAX_WAITING_NOTICES = 1024
-"""Maximum number of messages to the user that wait for room in the ring. Further messages are lost and
-counted."""
+"""If the number of waiting records reaches this limit, further messages for the user are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _HOLE = struct.Struct("=QQ")
@@ -130,7 +129,8 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return the numbers of lost received bytes and lost sent bytes that a `HOLE` record reports."""
+    """Return how many received bytes, and how many sent bytes, a `HOLE` record reports as missing from the
+    ring."""
     received, sent = _HOLE.unpack(record.data)
     return received, sent
 
@@ -293,9 +293,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams if the ring also has room for the next record. Return whether
-        the ring had room for the holes and the next record. If holes were written alone, many short holes
-        would follow each other instead of one long hole.
+        """Write a client's `HOLE` records if the ring also has room for the next record, which needs `size`
+        bytes. Return whether the ring had room for all these records. A hole is written only with the next
+        record, because one long hole is better than many short holes.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -339,9 +339,9 @@ class RingWriter(_Ring):
         """Write a record that must not be lost, as soon as the ring has room. Later records wait until this
         record is written.
 
-        The number of waiting records is limited even if the reader stops. If a client connects and leaves
-        while the reader has stopped, the client's records are discarded. If too many records wait, messages
-        for the user are lost.
+        The number of waiting records is limited even if the reader stops. If a client disconnects while its
+        `CLIENT_OPENED` record still waits, the client's waiting records are discarded. If too many records
+        wait, messages for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -375,7 +375,7 @@ class RingWriter(_Ring):
         unwatched = self.counts[RelayCounter.UNWATCHED]
         while waiting:
             if not self._write_or_count(waiting[0]):
-                # undo the count: the record waits and is not lost
+                # `_write_or_count` has counted the record as lost, but the record still waits
                 self.counts[RelayCounter.UNWATCHED] = unwatched
                 break
             waiting.popleft()
@@ -384,8 +384,8 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """One of the watcher's two readers of the ring. `position` is the number of bytes that it has read so
-    far.
+    """One of the watcher's two readers of the ring. `position` is the number of bytes that the reader has
+    read so far.
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
@@ -402,8 +402,9 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return at most `limit` records. Records that were written since the previous call may follow only
-        in the next call. If the other reader is ahead, `until` is its position; stop there.
+        """Return at most `limit` records. Records that were written after the previous call may be left for
+        the next call. If `until` is not None, stop at the position `until`. The watcher's other reader has
+        already reached `until`.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -2,8 +2,8 @@
 
 The guard comes last, so it checks the bytes that the controller receives.
 
-This module uses no clock and no socket. The policy splits a stream into frames only while a rule must see the
-frames. While no rule must see frames, the policy forwards the bytes of a stream unchanged.
+This module uses no clock and no socket. The policy splits a stream into frames only while a rule needs
+frames.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 _LONGEST_JOINED = 1 << 16
 """Maximum size in bytes of a piece that is joined from smaller pieces: as much as the relay reads at once.
-Joining longer pieces takes too long, because each step copies all bytes, and the ring could not record them.
+Larger pieces would be slow to join, because each join copies all bytes. The ring cannot hold a record that is
+larger than its margin.
 """
 
 
@@ -111,8 +112,8 @@ class RulePolicy:
         return work
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether rules hold data of this direction, so that the end of the stream has to wait. The
-        client may already have disconnected.
+        """Return whether rules hold data of this direction. The relay must not forward a FIN before the held
+        data. The client may already have disconnected.
         """
         state = self._clients.get(client, {}).get(direction)
         return state is not None and (
@@ -124,9 +125,7 @@ class RulePolicy:
         )
 
     def is_full(self, client: int) -> bool:
-        """Return whether the rules hold so much data that the relay must not read more from a client before
-        `pop_due_actions`.
-        """
+        """Return whether the relay must stop reading from a client, because the rules hold too much data."""
         return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
     def on_stream_end(
@@ -141,8 +140,8 @@ class RulePolicy:
         return work.actions
 
     def hides_end(self, client: int) -> bool:
-        """Return whether a half-open fault hides the end of a connection: neither end then sees a FIN or RST
-        of the other end.
+        """Return whether a half-open fault blocks the client's conversation. The relay must not forward a FIN
+        or RST of a blocked conversation.
         """
         state = self._clients.get(client, {}).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
@@ -150,8 +149,8 @@ class RulePolicy:
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """When a client leaves, return its held messages that the proxy still sends, and discard the others.
 
-        The proxy still sends held replies and held stops, but drops all other held requests. If a fault hides
-        the end of the client from the controller, the proxy sends no held message.
+        The proxy still sends held replies and held stops, but drops all other held requests. If a half-open
+        fault blocks the client's conversation, the proxy sends no held message.
         """
         work = PolicyDecision(client)
         lost: list[Frame | bytes] = []
@@ -226,8 +225,8 @@ class RulePolicy:
     # `ScriptProcess` calls the following method.
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply the decisions in `data`, which the scripts' process has sent; b"" if the process has ended.
-        `pop_due_actions` returns the resulting actions.
+        """Apply the decisions in `data` from the scripts' process. Empty data means that the process has
+        ended. `pop_due_actions` returns the resulting actions.
         """
         if self.scripts is not None:
             decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)
@@ -251,8 +250,8 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message: unchanged, or as `data`. The faults and the guard still apply to it. If no
-        message with this number is held, raise a `KeyError`.
+        """Forward a held message, or `data` in its place. The faults and the guard still apply to the
+        forwarded bytes. If no message with this number is held, raise a `KeyError`.
         """
         held = self.intercept.release(number, now, data)
         case = "held.sent" if data is None or data == held.data else "held.edited"
@@ -408,8 +407,8 @@ class RulePolicy:
                 work.actions.append(CloseAction(client, output.how is CloseMode.RESET, note))
 
     def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
-        """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a
-        stream that no proxy rule changed are sent in one piece.
+        """Forward a message. The guard checks a request before the proxy forwards it. In a stream, successive
+        pieces are joined if no proxy rule changed any of these pieces.
         """
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:

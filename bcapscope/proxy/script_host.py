@@ -37,8 +37,8 @@ def main(
     Args:
         descriptor: File descriptor of the socket to the proxy; None to read a description of the socket from
             standard input.
-        traces: File descriptor for reports. On SIGUSR1, the process writes the script line that it executes
-            to `traces`. None if the system has no such signal.
+        traces: File descriptor for reports; None if the system has no SIGUSR1. On SIGUSR1, the process writes
+            its current script line to `traces`.
         parent: Process id of the proxy.
         megabytes: Maximum memory that the process may allocate, in megabytes.
     """
@@ -46,7 +46,7 @@ def main(
     try:
         _isolate(traces, parent, megabytes)
         _run(proxy, paths)
-    # a script closed the socket or used up the memory; the proxy reports the end of the process
+    # A script has closed the socket or used up the memory. The proxy reports the end of the process.
     except (OSError, MemoryError):
         proxy.detach()
         sys.exit(1)

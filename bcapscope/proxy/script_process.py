@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 DEFAULT_MEMORY_MB = 512
 """Megabytes that the process of the scripts may allocate by default.
 
-Python needs 20 MB. NumPy needs 200 MB on a machine with 4 processors. With more
-processors, it needs more, because the limit also counts the stacks of its threads.
+Python needs 20 MB. NumPy needs 200 MB on a machine with 4 processors. On a machine with more processors,
+NumPy needs more memory, because the limit includes the stacks of NumPy's threads.
 """
 
 LOADS_WITHIN = 30.0
@@ -90,7 +90,7 @@ class ScriptProcess:
             code = _START.format(path=sys.path, argv=sys.argv, arguments=arguments)
             return [sys.executable, "-c", code]
 
-        # on Windows, a process cannot inherit a socket or report its current line
+        # On Windows, a new process cannot inherit a socket, and cannot report which script line it executes.
         if sys.platform == "win32":
             process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
             assert process.stdin is not None
@@ -110,8 +110,8 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False if they need more than `seconds`. Call `attach`
-        first. If a script fails to load or has no add-on, raise a `ScriptError`.
+        """Wait until the scripts are loaded. Return False if loading takes longer than `seconds`. Call
+        `attach` first. If a script fails to load or has no add-on, raise a `ScriptError`.
         """
         until = time.monotonic() + seconds
         try:
@@ -145,7 +145,8 @@ class ScriptProcess:
 
     def _load_error(self, what: Message) -> ScriptError:
         """End the process, and return an error that says why its scripts cannot be used."""
-        time.sleep(_EXIT_DELAY)  # wait until the system knows the exit code or the script line of the process
+        # Wait briefly, because the exit code and the reported script line may arrive late.
+        time.sleep(_EXIT_DELAY)
         reason = joined_clauses((what, *self.end()))
         assert reason is not None
         return ScriptError(reason)
@@ -159,7 +160,7 @@ class ScriptProcess:
         self._relay = relay
         self._is_interrupted = is_interrupted
 
-    # `ScriptQueue` calls the following methods. They raise no exception, and only `finish` blocks.
+    # `ScriptQueue` calls the following methods, which raise no exception. Only `finish` may block the caller.
 
     def send(self, frame: bytes) -> None:
         self._backlog += frame
@@ -189,8 +190,8 @@ class ScriptProcess:
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if
-        `is_done` does not return True in time.
+        """Send the last order, and pass received bytes to `is_done` until `is_done` returns True. Return
+        whether `is_done` returned True in time.
         """
         self._unwatch()
         self.send(frame)
@@ -237,7 +238,7 @@ class ScriptProcess:
                 del self._backlog[: self._socket.send(self._backlog)]
         except BlockingIOError:
             pass
-        except OSError:  # the process has ended, as the next read will show
+        except OSError:  # the process has ended, and the next `receive` will report the end
             self._backlog.clear()
         if self._watcher is not None and self._waits_to_write is not bool(self._backlog):
             self._waits_to_write = bool(self._backlog)

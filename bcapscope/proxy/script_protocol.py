@@ -77,8 +77,8 @@ class ClientGone(_WireFrame, frozen=True):
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """Tells the scripts to complete each call that no longer waits for a reply at `time`, in ns since
-    1970.
+    """Tells the scripts to complete all calls that no longer wait for a reply. `time` is the current time in
+    ns since 1970.
     """
 
     time: int
@@ -122,7 +122,7 @@ class ScriptsUnusable(_WireFrame, frozen=True):
 
 
 class ScriptAnswer(_WireFrame, frozen=True):
-    """Answer of the scripts to an order.
+    """Answer of the scripts to one `ScriptOrder`.
 
     Attributes:
         errors: Number of errors in the scripts since the start.
@@ -141,8 +141,8 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""Message from the scripts' process. The first message says whether the scripts are usable. Then the process
-sends one answer per order.
+"""Message from the scripts' process. The first message says whether the scripts are usable. Each later
+message is a `ScriptAnswer` to one `ScriptOrder`.
 """
 
 _encoder = msgspec.msgpack.Encoder()
@@ -154,7 +154,7 @@ def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
 
 
 class FrameUnpacker(Generic[T]):
-    """Splits received bytes into messages of the types `kinds`, a union such as `ScriptOrder`."""
+    """Splits received bytes into messages. `kinds` is a union of message types, such as `ScriptOrder`."""
 
     def __init__(self, kinds: Any) -> None:
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)

@@ -39,13 +39,13 @@ TIME_LIMIT_NS = 100_000_000
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-The shortest limit leaves enough time to wake a process: waking takes less than a millisecond. The upper
-bound is for safety: if a request for a motion is held for seconds, the client may have given up when the
-motion starts.
+The shortest limit leaves enough time to wake a process: waking takes less than a millisecond. A longer limit
+would be dangerous: a held motion could start long after the client has given up.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum time in ns from a message's arrival to the decision about it, unless the time limit is longer."""
+"""Maximum time in ns from the arrival of a message to the scripts' decision about this message. If the user
+sets a time limit above `LONGEST_WAIT`, this time limit replaces the maximum."""
 
 MAX_WAITING = 64
 """Maximum number of waiting datagrams per client. One call needs at most eight datagrams, one for each
@@ -63,8 +63,8 @@ Above this limit, the scripts do not get messages that need no decision.
 """
 
 _LATE = 20_000_000
-"""If the relay checks the time limit more than this many ns too late, the machine may have delayed the
-scripts, too."""
+"""Delay in ns after which the relay's check of the time limit counts as late. A machine that delays the relay
+may also have delayed the scripts."""
 
 _LOCATED_WITHIN_NS = 50_000_000
 """Time in ns after which the proxy kills the scripts' process. In this time, the process should report the
@@ -80,8 +80,8 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet. `message` is the message that it shows to the scripts;
-    `undecided` is the same message, if it waits for a decision.
+    """An order that the scripts have not answered yet. `message` is the message that the order shows to the
+    scripts. `undecided` is None if this message needs no decision.
     """
 
     hook: str
@@ -118,7 +118,7 @@ class ScriptQueue:
     """
 
     def __init__(self, names: str, process: ScriptProcess, limit: int = TIME_LIMIT_NS) -> None:
-        """Create a queue with a time `limit` in ns per message. Call `on_loaded` once the scripts are
+        """Create a queue with a time `limit` in ns per message. Call `on_loaded` after the scripts are
         loaded."""
         self.names = names
         self.is_on = True
@@ -152,8 +152,8 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames: for a hook, or to refuse motions while the scripts are
-        off.
+        """Whether streams must be split into frames. Some hooks need frames. While the scripts are off, the
+        proxy needs frames to refuse motions.
         """
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
@@ -170,8 +170,9 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. If `undecided` is not None, the message waits for their decision.
-        Otherwise, skip the message if no hook needs it or too much data is waiting.
+        """Pass a message to the scripts. If `undecided` is not None, the message waits for the scripts'
+        decision. If `undecided` is None, skip the message when no hook needs the message or too much data
+        waits.
         """
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
@@ -213,8 +214,8 @@ class ScriptQueue:
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off because their process ended. Yield a decision without an answer for each
-        waiting message.
+        """Switch the scripts off because their process ended. For each waiting message, yield a
+        `ScriptDecision` with None as the answer.
         """
         if self.is_on:
             why = Message("script.ended-between")
@@ -233,7 +234,7 @@ class ScriptQueue:
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
         """Check whether the scripts exceeded the time limit, and whether any calls expired. Yield the
-        decisions that result. `time` is `now` in ns since 1970.
+        resulting decisions. `time` is the current time in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -249,7 +250,8 @@ class ScriptQueue:
             due = self.due()
             if not self.is_on or not self._queue or due is None or now < due:
                 return
-            if now - due > _LATE and not self._was_late:  # the relay itself was late: allow more time once
+            # If the relay itself was late, the scripts get more time, but at most one time per answer.
+            if now - due > _LATE and not self._was_late:
                 self._was_late = True
                 self._relay_delay += now - due + self._limit
             else:
@@ -263,7 +265,7 @@ class ScriptQueue:
         return any(each.undecided is not None and each.undecided.state.flow is flow for each in self._queue)
 
     def is_full(self, client: int) -> bool:
-        """Return whether so many bytes wait that the proxy must not read more from a client's stream."""
+        """Return whether the proxy must stop reading a client's stream, because too many bytes wait."""
         return self._sizes[client] > MAX_BYTES or self._waiting_size > MAX_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
@@ -272,7 +274,7 @@ class ScriptQueue:
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
         """Remove the waiting messages of one client and direction, and return their bytes. Later decisions of
-        the scripts about them have no effect.
+        the scripts about removed messages have no effect.
         """
         found: list[bytes] = []
         for place, each in enumerate(self._queue):

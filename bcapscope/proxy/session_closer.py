@@ -44,7 +44,8 @@ class CloseSequence(NamedTuple):
 
 
 class SessionCloser(PipelineSubscriber):
-    """Remembers the last call of each client, and the arms that it has taken, to close sessions left open."""
+    """Remembers the last call and the taken arms of each client. `close_sequences` needs this data to make
+    closing requests."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""

@@ -16,14 +16,14 @@ mode), or all eight attempts of a call.
 
 
 class SilenceMonitor:
-    """Reports once that a client falls silent, and once that the client sends again."""
+    """Reports each silence of a client with two messages: one at the start of the silence, one at the end."""
 
     def __init__(self) -> None:
         self._silent_since: dict[Conversation, int] = {}
 
     def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[Message]:
         """Yield a message for each client that has fallen silent or sends again. `clients` are the clients in
-        slave mode, each with the time of its last request in ns. All requests before `now` must be included.
+        slave mode, each with the time in ns of its last request before `now`.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

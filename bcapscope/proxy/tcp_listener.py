@@ -86,8 +86,8 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for about a second. Report the error only once until a client is accepted
-        again.
+        """Stop accepting clients for about a second. Report only the first error after each accepted
+        client.
         """
         if not self._is_pause_reported:
             self._is_pause_reported = True

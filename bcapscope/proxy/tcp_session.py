@@ -1,5 +1,5 @@
-"""TCP sessions of the proxy. A session forwards data, half-closes, resets and back-pressure in both
-directions.
+"""TCP sessions of the proxy. A session forwards the data, the FINs and the RSTs of the client and the
+controller. If a receiver is slow, the session also slows the sender.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 """
 
 STUCK_AFTER_NS = 10_000_000_000
-"""Idle time in ns after which a session ends if only the controller has ended its direction. After the same
-idle time, a new client may evict a half-closed session, or a session with an end that does not read.
+"""Idle time in ns after which a session ends if only the controller has ended its direction. A new client may
+evict a session after this idle time if one direction has ended or is blocked.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns after which a session may be evicted if the client has ended its direction and received
-bytes since then.
+"""Idle time in ns after which a new client may evict an answered session. In an answered session, the
+controller has sent bytes after the client's FIN.
 """
 
 MAX_PENDING = 1 << 18
-"""With rules, the session stops reading if more than this number of bytes wait for a slow receiver.
+"""Maximum number of bytes that wait for a slow receiver before a session with rules stops reading.
 
-Without rules, the session stops reading as soon as any bytes wait.
+A session without rules stops reading from the sender while any bytes wait for the receiver.
 """
 
 _AT_ONCE = 1 << 16
@@ -82,9 +82,9 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. `ends` holds the sockets toward the client and the controller, which is not
-        connected yet. `first` holds the bytes that the client has sent so far, and when they arrived in ns
-        since 1970.
+        """Register a client. `ends` holds the socket toward the client, and the socket that is connecting to
+        the controller. `first` holds the bytes that the client has sent so far, and their time of arrival in
+        ns since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
@@ -182,7 +182,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts. Report the other bytes as lost."""
+        """Write as many pending bytes as the system accepts. Report how many bytes are lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -340,8 +340,8 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the end of a direction once its last bytes are written. Close the session if both
-        directions have ended."""
+        """Forward the FIN of a direction after the session has written the last bytes of the direction. Close
+        the session if both directions have ended."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True
@@ -352,8 +352,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Handle the failure of a sender's connection. End the session; but if a rule hides this end, keep
-        the other connection open.
+        """Handle the failure of the connection to a sender. End the session, unless a half-open fault must
+        hide the failure from the receiver.
         """
         was_reset = problem in _RESETS
         if was_reset:
@@ -369,8 +369,9 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether the session may read more bytes of a direction. It must not if the proxy holds too
-        much data, if the receiver is slow, or, for requests, if the client does not read its replies.
+        """Return whether the session may read more bytes of a direction. The session must stop reading if the
+        proxy holds too much data or the receiver is slow. With rules, the session must also stop reading
+        requests of a client that does not read its replies.
         """
         policy = self._relay.policy
         if self._relay.pauses_reading(self):

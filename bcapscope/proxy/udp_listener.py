@@ -55,7 +55,8 @@ class UdpListener(ClientListener):
     """A UDP socket to which clients send their requests.
 
     Attributes:
-        refused: True after a report that the controller refuses datagrams, until the controller sends one.
+        refused: Whether the controller refuses datagrams. A datagram from the controller sets `refused` to
+            False.
         sessions: Sessions of the clients that have sent more than one datagram, by client address.
     """
 
@@ -69,7 +70,8 @@ class UdpListener(ClientListener):
         self._dropped = self._unreachable_count = 0
 
     def open(self) -> None:
-        """Start to accept clients. Discard datagrams that arrived earlier, because they may be old."""
+        """Start to accept clients. Discard all datagrams that already wait in the socket, because the
+        controller must not get outdated requests."""
         with suppress(OSError):
             for _ in range(_MAX_OLD):
                 self.socket.recv(LARGEST_DATAGRAM)
@@ -207,9 +209,9 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests on behalf of the client, each after the reply to the previous request, but none after
-        the time `until` of `time.monotonic`. Stop at the first request without a reply. Return how many
-        requests got a reply. This blocks the relay.
+        """Send requests on behalf of the client, each after the reply to the previous request. Send nothing
+        after `until`, a time in seconds of `time.monotonic`. Stop at the first request without a reply.
+        Return how many requests got a reply. This method blocks the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -217,7 +219,8 @@ class UdpSession(RelaySession):
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request. Return whether its reply arrives in time; notices do not count."""
+        """Send a request. Return whether the reply arrives within `_PATIENCE`. A notice does not count as a
+        reply."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
@@ -252,7 +255,8 @@ class UdpSession(RelaySession):
         self._count_drops()
 
     def notify_refused(self) -> None:
-        """Report that the controller refuses datagrams, but only once until the controller sends one."""
+        """Report that the controller refuses datagrams. Do not repeat the report before the controller has
+        sent a datagram."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))

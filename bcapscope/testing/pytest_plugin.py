@@ -1,6 +1,7 @@
 """The pytest plugin of bcapscope: fixtures for the tests of b-CAP clients.
 
-pytest loads this module in every test run where bcapscope is installed, so it imports nothing else.
+pytest loads this module in every test run where bcapscope is installed. To load fast, this module imports the
+rest of bcapscope only when a test uses a fixture.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ def bcap_proxy(
 ) -> Iterator[EmbeddedProxy]:
     """A proxy in front of `bcap_simulator` with `.host`, `.port`, `.calls`, `.findings` and `.recording`.
 
-    The faults of @pytest.mark.bcap happen in the proxy. The proxy's capture therefore shows the traffic
-    before and after the faults.
+    The proxy injects the faults of @pytest.mark.bcap. The proxy's recording shows both sides of the proxy:
+    the traffic without the faults and the traffic with the faults.
     """
     from bcapscope.testing.embedded_proxy import EmbeddedProxy
 

@@ -129,7 +129,7 @@ class Pipeline:
         return bool(self._tracker.open_calls)
 
     def expire(self, now: int) -> None:
-        """Complete the calls to which no further frame can belong after the time `now`, ns since 1970."""
+        """Complete the calls that are too old at the time `now` (ns since 1970) to receive further frames."""
         if self._joiner is not None:
             self.add_joined(self._joiner.expire(now))
             now = min(now, self._joiner.delivered_until)

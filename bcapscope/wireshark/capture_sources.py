@@ -1,5 +1,5 @@
-"""The capture interfaces that bcapscope adds to Wireshark, the options that Wireshark shows for each, and the
-lines that describe both to Wireshark. The extcap protocol calls these lines sentences (`man extcap`).
+"""The capture interfaces that bcapscope adds to Wireshark, with their options. Wireshark reads interfaces and
+options as lines of text, which the extcap protocol calls sentences (`man extcap`).
 
 When Wireshark starts, it runs every program in its extcap folder. This module imports little, so that it
 starts fast.
@@ -19,7 +19,7 @@ from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario_files import bundled_titles
 
 UNSET = "unset"
-"""Value in a list of Wireshark's dialog. If the user chooses this value, the option is left out."""
+"""Value that a user chooses in Wireshark's dialog to leave out an option."""
 
 _FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
 """Pattern of one fault in a text with several faults. Semicolons separate the faults. A fault may contain
@@ -45,7 +45,8 @@ class DialogType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DialogOption:
-    """An input in Wireshark's dialog. The input sets an option of a bcapscope command.
+    """An input field in Wireshark's dialog for a capture interface. The input field sets an option of a
+    bcapscope command.
 
     Attributes:
         call: Name that Wireshark passes, such as `--port`.
@@ -266,8 +267,8 @@ def link_type_sentences() -> Iterator[str]:
 
 
 def option_sentences(source: CaptureSource) -> Iterator[str]:
-    """Yield a sentence for each input of an interface's dialog. If the input is a list, the sentences for its
-    values follow.
+    """Yield an extcap sentence for each option of a capture interface. After an option with a list of values,
+    yield an extcap sentence for each value.
     """
     for number, option in enumerate(source.options):
         yield _sentence("arg", number=number, **_input(option))

@@ -1,5 +1,5 @@
-"""Write the Wireshark dissector. It consists of the protocol's tables as Lua code, followed by the Lua parts
-in the folder `lua`. The dissector takes all its names, numbers and texts from these tables.
+"""Write the Wireshark dissector: the protocol's tables as Lua code, followed by the Lua parts in the folder
+`lua`. The dissector takes all its names, numbers and texts from the Lua tables.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def _block(part: str) -> str:
 
 
 def _tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua code. `parts` are the fixed Lua parts of the dissector. The Lua code of these
-    parts refers to texts by id, and the tables contain only these texts.
+    """Return all tables as Lua code. `parts` are the fixed Lua parts of the dissector. The tables contain
+    only the texts whose ids occur in `parts`.
     """
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {

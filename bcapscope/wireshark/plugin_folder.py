@@ -131,8 +131,9 @@ def launcher_text(executable: str = sys.executable, *, is_windows: bool = IS_WIN
 
 
 def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return the folders for the launcher: `extcap` in `folder`. If `folder` is None, return the personal
-    extcap folders of all versions of Wireshark.
+    """Return the folders in which Wireshark looks for the launcher. If `folder` is given, return only the
+    subfolder `extcap` of `folder`. If `folder` is None, return the personal extcap folders of all versions of
+    Wireshark.
 
     Wireshark 4.0 and older search the configuration folder; 4.2 and newer search ~/.local/lib instead. On
     Windows, all versions search the same folder.
@@ -151,8 +152,8 @@ def _windows_folder() -> Path:
 def _configuration_folder() -> Path:
     """Return the folder in which Wireshark looks for its preferences.
 
-    If ~/.wireshark exists, bcapscope does not create the newer folder. With the newer folder, Wireshark would
-    ignore ~/.wireshark.
+    If only ~/.wireshark exists, return ~/.wireshark. If bcapscope created ~/.config/wireshark, Wireshark
+    would ignore ~/.wireshark.
     """
     if chosen := os.environ.get("WIRESHARK_CONFIG_DIR"):
         return Path(chosen)

@@ -27,7 +27,9 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """Restart the timeout. A call that needs arming shows that the user still watches the robot."""
+        """Restart the time until arming expires. A user who makes calls that need arming evidently watches
+        the robot.
+        """
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER
 

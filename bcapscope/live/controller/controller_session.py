@@ -231,11 +231,11 @@ class ControllerSession:
         return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
-        """Send bytes unchanged and wait for the reply. Return a record as for a call.
+        """Send bytes unchanged and wait for the reply. Return a `HistoryRecord` of the bytes and the reply.
 
         Raises:
-            NotArmedError: The user has not armed, and the bytes may move the robot or are not an intact
-                frame.
+            NotArmedError: The user has not armed, but the bytes need arming. Bytes that are not an intact
+                frame always need arming.
             NotConnectedError, ConnectionError: See `call`.
         """
         session = self.opener.session
@@ -387,7 +387,7 @@ class ControllerSession:
         if self._opener is not None and self.status.is_connected:
             session = self._opener.session
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # This call is needed because `Session` records a reply later, and never records raw bytes.
+                # `Session` records a reply only after `_on_record`, and never records a reply to raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())
@@ -399,7 +399,7 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether raw bytes need arming. Bytes that are not an intact frame always need it."""
+    """Return whether raw bytes need arming. Bytes that are not an intact frame always need arming."""
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

@@ -43,7 +43,9 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Update the mode and the first set point from a call that the controller did not refuse."""
+        """Store the mode of an answered `slvChangeMode`, and the set point of the first answered `slvMove` in
+        this mode.
+        """
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]

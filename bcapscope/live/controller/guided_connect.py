@@ -29,7 +29,7 @@ from bcapscope.render.value_text import value_text
 
 
 class ConnectStepError(BcapError):
-    """A step of connecting failed. The screen has already received the reason."""
+    """A step of connecting failed. The screen has already received the reason for the failure."""
 
     def __init__(self, reason: Reason) -> None:
         super().__init__(Message("controller.step-failed"))
@@ -128,8 +128,8 @@ def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[li
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the opening call, and the robot's name and type, or None
-    if the call failed.
+    """Open and select a robot. Return the record of the opening call, and a tuple of the robot's name and
+    type. If the call failed, None replaces the tuple.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record

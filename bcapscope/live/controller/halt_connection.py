@@ -124,7 +124,9 @@ class HaltConnection:
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only results of HALT, because a new HALT connection reports its own state."""
+        """Stop reporting the state of this connection, because a new HALT connection reports its own state.
+        Continue to report the results of HALT.
+        """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda update: report(update) if update.state in halt_results else None
@@ -208,7 +210,8 @@ class HaltConnection:
             return
         try:
             call.result()
-        except ControllerError as error:  # with other codes, even a refusal proves that the connection works
+        except ControllerError as error:
+            # A refusal with a code outside `_STALE_CONNECTION_CODES` proves that the connection works.
             if error.hresult in _STALE_CONNECTION_CODES:
                 raise
         took = round((self._loop.time() - began) * 1e9)

@@ -28,11 +28,11 @@ from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.observation import Direction, Observation
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
-"""Who initiated the calls of the running task: the user or bcapscope."""
+"""Who initiated the calls of the current asyncio task: the user or bcapscope."""
 
 MAX_PACKETS = 256
-"""Maximum number of packets per record. Without a limit, a flood of packets from the controller could fill
-the memory.
+"""Maximum number of packets in the record of one call. Without a limit, a flood of packets from the
+controller could fill the memory.
 """
 
 
@@ -76,19 +76,21 @@ class HistoryRecorder:
             self._complete_call(call, RecordOutcome.UNANSWERED, event.attempts)
 
     def abandon_own_call(self) -> None:
-        """Abandon the running call if the current task made this call, but not if the task only waits for the
-        call of another task.
+        """Abandon the call in progress if the current asyncio task made this call. Do not abandon the call of
+        another task.
         """
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call()
 
     def abandon_call(self) -> None:
-        """If a call is running, record it as abandoned."""
+        """If a call is in progress, record this call as abandoned."""
         if self._call is not None:
             self._complete_call(self._call, RecordOutcome.ABANDONED, ())
 
     def complete_raw_call(self) -> None:
-        """Complete the record of raw bytes. The last frame that was received counts as their reply."""
+        """Finish the record of the raw bytes that were sent. The last frame that was received counts as the
+        reply to the raw bytes.
+        """
         call = self._call
         if call is None:
             return

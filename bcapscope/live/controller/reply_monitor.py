@@ -21,7 +21,7 @@ class ReplyMonitor:
         self._waiting_since = 0
 
     def on_request(self, now: int) -> None:
-        """Store when a request was sent. A retry does not restart the waiting time."""
+        """Start to measure the waiting time for a reply. A retry does not restart the waiting time."""
         self._waiting_since = self._waiting_since or now
 
     def on_received(self, now: int) -> None:

@@ -62,7 +62,7 @@ class ControllerIdentity:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """The state of the session that the screen always shows.
+    """State of a controller session. The screen always shows this state.
 
     Attributes:
         open_objects: Open objects in the order in which they were opened.
