@@ -98,6 +98,11 @@ def command_name(function_id: int, arguments: Sequence[Variant]) -> str | None:
     return value if isinstance(value, str) else None
 
 
+def command_parameter(arguments: Sequence[Variant]) -> Variant | None:
+    """Return the argument vntParam of an ..._Execute call; None if this argument is missing."""
+    return arguments[2] if len(arguments) > 2 else None
+
+
 def _full_type_name(short: str) -> str:
     if short == "none":
         return short
