@@ -10,7 +10,7 @@ def main() -> None:
     python_ends = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if python_ends:  # while modules load, Ctrl-C ends the process without a traceback
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from bcapscope.cli import main as run  # noqa: PLC0415 - import here, while Ctrl-C gives no traceback
+    from bcapscope.cli import main as run  # noqa: PLC0415 - Ctrl-C during this import prints no traceback
 
     if python_ends:
         signal.signal(signal.SIGINT, signal.default_int_handler)

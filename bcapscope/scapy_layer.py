@@ -101,7 +101,9 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
 
     def i2repr_one(self, pkt: Packet | None, x: Any) -> str:
-        """Return the name; None for the function in a reply, and for the result code in a request."""
+        """Return the name of a function or result code as text. The text is "None" if the frame has no such
+        field.
+        """
         if isinstance(pkt, BCAP) and pkt.is_response is not (self.name == "hresult"):
             return "None"
         return self._name_of(x) if isinstance(x, int) else repr(x)
@@ -139,8 +141,8 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         return values
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
-        """Give the values the same types as `encode` does: from the function's definition, or else from the
-        Python values. A value that does not fit the function gets its type from the Python value, too.
+        """Give each value the type from the function's definition, as `encode` does. If the definition does
+        not fit the value, derive the type from the Python value.
         """
         return x if isinstance(x, RawVal) else tuple(_typed(pkt, x, is_strict=False))
 
@@ -184,11 +186,12 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         length, argc: Size in bytes, and number of arguments. When you build a frame, None means that scapy
             computes the value.
         serial, reserved: Numbers of the header.
-        function: Name of the function of a request. Set the name or the number.
-        hresult: Result code of a reply, unsigned. Set the name or the number.
-        args: Arguments, as a tuple of `Variant`. Set a list of Python values or of `Variant`.
-        trailer: Bytes between the arguments and EOT: the CRC of a serial line, the mode of a version 1 frame,
-            or bytes that belong to no argument.
+        function: Name of the function of a request. You can set `function` to a name or a number.
+        hresult: Result code of a reply, unsigned. You can set `hresult` to a name or a number.
+        args: Tuple of arguments, which are `Variant` objects. You can set `args` to a list of Python values
+            or `Variant` objects.
+        trailer: Bytes between the arguments and EOT, such as the CRC of a serial line or the mode of a
+            version 1 frame.
     """
 
     name = "b-CAP"
@@ -409,8 +412,8 @@ def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) 
 
 
 def _whole_frame_size(data: bytes) -> int:
-    """Return the size of the whole frame at the start of a stream; 0 if only `StreamSplitter` can find the
-    size.
+    """Return the size of the complete frame at the start of a stream. The result is 0 if finding the frame
+    needs `StreamSplitter`.
     """
     length = int.from_bytes(data[1:5], "little")
     is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)

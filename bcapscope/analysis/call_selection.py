@@ -17,8 +17,8 @@ class CallSelection:
     `report_occurrence`.
 
     A problem is selected if one of the frames that prove it belongs to a selected call. Whether a call is
-    selected is known only when the call is complete. Until then, the selection keeps the problems in the
-    frames of the call.
+    selected is known only when the call is complete. If a rule reports a problem of a frame, `CallSelection`
+    stores the problem until the frame's call is complete.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
@@ -30,7 +30,7 @@ class CallSelection:
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_frame(self, observation: Observation) -> None:
-        """Until the call of this frame is complete, keep the problems that rules report about the frame."""
+        """Store each problem of this frame until the frame's call is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
@@ -46,7 +46,9 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report the kept problems in a stray reply. Call this method before the rules check the reply."""
+        """Report the problems that were stored for a stray reply. Call this method before the rules check the
+        reply.
+        """
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)
 
@@ -57,8 +59,8 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the kept problems, then the problems in `at_end`. Mark each problem as if the traffic ended
-        now: a problem is not selected if its frames belong to no completed call.
+        """Yield the stored problems, then the problems in `at_end`. Mark a problem as selected if one of its
+        frames belongs to a completed call that is selected.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

@@ -20,11 +20,13 @@ FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of times or rates. Two captures of the same program can differ by smaller ratios."""
+"""Smallest notable ratio of times or rates. A ratio below `NOTABLE_RATIO` can occur between two captures of
+the same program.
+"""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of median cycle times. It is small because clients should keep the cycle time
-constant.
+"""Smallest notable ratio of median cycle times. `NOTABLE_CYCLE` is smaller than `NOTABLE_RATIO`, because
+clients should keep the cycle time constant.
 """
 
 NOTABLE_MS = 0.2
@@ -59,10 +61,11 @@ class Difference:
     Attributes:
         subject: Kind of call to which the figure belongs, or number of the slave-mode session; None for all
             calls.
-        figure: Name of the figure. If the JSON of ``stats`` has the figure, it uses the same name.
-        good: Value in the first capture, which is a number or a word; None if the capture has no such value.
+        figure: Name of the figure. If a figure is part of the JSON of ``stats``, `figure` is its name in that
+            JSON.
+        good: Value in the first capture: a number or a word; None if the capture has no such value.
         bad: Value in the second capture, in the same form as `good`.
-        notable: True if two captures of the same faultless program would not differ this much.
+        notable: Whether the difference is too large for two captures of the same faultless program.
     """
 
     subject: CallKind | int | None
@@ -178,13 +181,13 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls with a non-random event, such as a refusal, differ notably."""
+    """Return whether a non-random event, such as a refusal, was notably more frequent in one capture."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls with a random event, such as a loss, differ by more than chance. The
-    counts of random events have a Poisson distribution.
+    """Return whether a random event, such as a loss, was notably more frequent in one capture. The counts of
+    random events have a Poisson distribution.
     """
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
@@ -230,7 +233,7 @@ def _latency_figure(percentile: str) -> Callable[[CallFigures], Value]:
 _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], ...] = (
     ("calls", lambda figures: float(figures.calls), _never_notable),
     ("calls_per_s", lambda figures: figures.calls_per_second, _judge_ratio(NOTABLE_RATIO)),
-    # A difference of this share is never notable, because the share follows from the rate and the latency.
+    # A difference in `line_time_share` is never notable: `calls_per_s` and the latency determine this share.
     ("line_time_share", lambda figures: figures.line_time_share, _never_notable),
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
@@ -239,8 +242,8 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # A difference of this share is never notable, because bcapscope's memory limit decides which calls it
-    # drops.
+    # bcapscope itself evicted the calls in `not_followed_share` from memory, so a difference in this share is
+    # never notable.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 
@@ -250,8 +253,8 @@ depend on which kinds of call the client made.
 """
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that are compared only if there are many calls. With few calls, they depend on the length of the
-capture.
+"""Figures that are compared only if there are many calls. With few calls, `calls_per_s` and `line_time_share`
+depend on the length of the capture.
 """
 
 

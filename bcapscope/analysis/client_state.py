@@ -32,7 +32,9 @@ client at most 1000 handles.
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of clients that are remembered after their conversation ended; slave mode may be on."""
+"""Maximum number of remembered clients whose conversation has ended. The slave mode of these clients may
+still be on.
+"""
 
 SLOW_CALL_NS = 50_000_000
 """A call with a longer latency (ns) is slow: the controller may still execute it during the next call."""
@@ -73,19 +75,19 @@ class ClientState:
     """State of one client, deduced from its completed calls.
 
     Attributes:
-        longest_pause_ns: Longest time in ns from one call of the client to its next call; pauses between set
-            points do not count.
+        longest_pause_ns: Longest pause in ns between two calls of the client. Pauses between set points do
+            not count.
         service_start: The Service_Start call of the current session; None if this call was not captured.
-        failed_start: The Service_Start call that the controller refused, or that the controller probably did
-            not execute because the serial of the call was 0; None while a session is open.
-        session_end: The Service_Stop or Controller_Disconnect call that ended the session, or that may have
-            ended it without a captured reply; None while the session is open.
-        latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not;
-            the key is the command in lower case; a write to @SERVO_ON counts as `motor`, and a Task_Start of
-            RobSlave has the key `robslave`.
+        failed_start: Service_Start call that the controller refused, or probably ignored because of serial 0;
+            None while a session is open.
+        session_end: The Service_Stop or Controller_Disconnect call that ended, or may have ended, the
+            session; None while the session is open.
+        latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not.
+            The key is the command in lower case. A write to @SERVO_ON has the key `motor`, and a Task_Start
+            of RobSlave has the key `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
-            object, but got no successful reply; once a later call has opened such an object, the class has no
-            entry.
+            object, but got no successful reply. The class is removed when a later call opens an object of
+            this class.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
@@ -171,7 +173,9 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared the errors after the call `error`, but before `before`."""
+        """Return whether another client cleared the errors between the call `error` and the time `before`, ns
+        since 1970.
+        """
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)

@@ -58,10 +58,10 @@ class Diagnosis(PipelineSubscriber):
 
         Args:
             is_selected: Function that returns whether a call is selected; None to select all calls. The rules
-                check all calls. They report only the findings about selected calls, and the causes of these
-                findings.
+                check all calls. The rules report only the findings about selected calls, and the causes of
+                these findings.
             on_slave_session: Function that receives each complete slave-mode session. If `is_selected` is
-                given, this function receives only sessions with selected set points. The method
+                given, `on_slave_session` receives only sessions with selected set points. The method
                 `remaining_sessions` returns the incomplete sessions.
         """
         self._collector = FindingCollector()
@@ -180,8 +180,8 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, in ns since 1970. If the last frame is later, its time is
-                used.
+            ended_at: Time in ns since 1970. The traffic ended at `ended_at` or at the last frame, whichever
+                is later.
             clients_present: True if it is known that silent clients are still connected.
         """
         at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
@@ -189,14 +189,12 @@ class Diagnosis(PipelineSubscriber):
         return self._collector.findings(provisional)
 
     def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the sessions that were not yet passed to `on_slave_session`. `findings` describes
-        `ended_at`.
-        """
+        """Return the sessions not yet passed to `on_slave_session`. For `ended_at`, see `findings`."""
         detector = self._selected_sessions or self._session_detector
         return detector.remaining_sessions(self._end_time(ended_at))
 
     def totals(self, ended_at: int = 0) -> TrafficTotals:
-        """Return how much traffic there was so far. `findings` describes `ended_at`."""
+        """Return how much traffic there was so far. For `ended_at`, see `findings`."""
         first, last = self._first, self._last
         if first is None or last is None:
             return NO_TRAFFIC
@@ -207,7 +205,9 @@ class Diagnosis(PipelineSubscriber):
         return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return the findings added since `new_findings` was last used, without links to their causes."""
+        """Return the findings that were added after the previous call of `new_findings`. The returned
+        findings have no links to their causes.
+        """
         return self._collector.new_findings()
 
     def _end_time(self, ended_at: int = 0) -> int:

@@ -41,8 +41,8 @@ class Consequence:
     """A consequence that is named in the text of its root cause.
 
     Attributes:
-        after: Time in ns from the previous consequence to this consequence. For the first consequence, it is
-            the time from the root cause.
+        after: Time in ns from the previous consequence to this consequence. For the first consequence,
+            `after` is the time from the root cause.
     """
 
     clause: Message

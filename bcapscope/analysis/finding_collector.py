@@ -10,8 +10,8 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. If a rule has this many, problems with a new group key join the
-rule's first finding.
+"""Maximum number of findings of one rule. A problem that would need another finding is added to the rule's
+first finding.
 """
 
 MAX_CALLS = 256
@@ -24,7 +24,7 @@ INJECTED = "injected-fault"
 """Id of a rule. A finding of this rule is the cause of all other findings about the same call."""
 
 _MAX_NAMED_STEPS = 3
-"""Maximum number of consequences that the sentence of a root cause names one by one."""
+"""Maximum number of consequences that the text of one root cause names."""
 
 
 class FindingCollector:
@@ -40,7 +40,9 @@ class FindingCollector:
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add a reported problem and link it to its cause. An update replaces the problem of its call."""
+        """Add a reported problem and link the problem to its cause. A problem with `is_update` replaces the
+        earlier problem of the same rule and call.
+        """
         if occurrence.is_update:
             self._update(occurrence)
             return
@@ -81,9 +83,12 @@ class FindingCollector:
     def _link_cause(self, occurrence: Occurrence) -> None:
         """Link a reported problem to its cause.
 
-        The search has four steps, and ends at the first problem found: an injected fault in the same call;
-        the latest problem with this call in `explains`; the latest problem in one of the
-        `explaining_calls`; the latest problem whose rule is a possible cause, if it is recent enough.
+        The cause is the first of these problems that exists:
+
+        - an injected fault in the same call
+        - the latest problem whose `explains` contains the call
+        - the latest problem of a call in `explaining_calls`
+        - the latest problem of a rule in `possible_causes`, if this problem is recent or of the same call
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
@@ -122,7 +127,7 @@ class FindingCollector:
         the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
-        # Candidates are roughly in chronological order, so only the latest few candidates need all checks.
+        # Examine the latest candidates first: after a match, the first check rejects all older candidates.
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
@@ -156,7 +161,9 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each new `FindingGroup` about selected calls, without a link to its cause."""
+        """Return a finding for each `FindingGroup` that is new and concerns selected calls. The returned
+        findings have no links to their causes.
+        """
         new, self._new_groups = self._new_groups, []
         return tuple(
             _finding(group, group.first, group.first.frames[:MAX_FRAMES_NAMED])
@@ -170,8 +177,8 @@ class FindingCollector:
         Each root cause is followed by its consequences. Root causes of the same client are listed together.
         The client with the gravest root cause comes first. Among the root causes of one client, the gravest
         comes first. Problems that stopped the robot are the gravest. Next are problems that kept the robot
-        from moving, then all others. Equally grave root causes are sorted by the worst severity of the root
-        cause and its consequences, then by time.
+        from moving, then all others. Root causes with the same effect on the robot are sorted by severity,
+        then by time. A root cause counts as at least as severe as its consequences.
 
         Args:
             provisional: Further problems that the returned findings include, but that are not added to the
@@ -202,8 +209,8 @@ class FindingCollector:
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes: the first with a consequence or, if none has
-        one, the first with the gravest impact on the robot.
+        """Choose the occurrence that each finding describes. Prefer occurrences with consequences, then the
+        gravest impact on the robot, then the earliest time.
         """
         followed = set(self._causes.values())
         for group in groups:

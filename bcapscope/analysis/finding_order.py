@@ -20,8 +20,8 @@ class FindingGroup:
 
     Attributes:
         selected: False if the finding is reported only as the cause of a finding about selected calls.
-        shown: Occurrence that the text of the finding describes. Only the copies of groups in
-            `FindingCollector.findings` have this attribute.
+        shown: Occurrence that the text of the finding describes. `FindingCollector.findings` sets `shown` on
+            its copies of the groups.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -43,8 +43,8 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence of the same call with `update`. Return the old occurrence; None if none
-        was kept.
+        """Remove the occurrence that has the same call as `update`, and store `update` in its place. Return
+        the replaced occurrence; None if the group has no occurrence of the call.
         """
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
@@ -143,8 +143,8 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """For each group, return the group that caused its shown occurrence. A link that would close a cycle is
-    left out.
+    """Return the parent of each group: the group that contains the cause of `group.shown`. A link that would
+    close a cycle is left out.
     """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}

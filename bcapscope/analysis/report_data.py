@@ -34,7 +34,7 @@ MAX_TIMELINES = 256
 """Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Maximum number of clients that are counted in addition to the clients with a timeline."""
+"""Maximum number of clients that are counted, but have no timeline."""
 
 MAX_RETRY_CHAINS = 12
 """Maximum number of calls that are shown frame by frame: those with the most retries, then the slowest."""
@@ -164,7 +164,8 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time counts.
+            ended_at: Time in ns since 1970. The traffic ended at `ended_at` or at the last frame, whichever
+                is later.
         """
         if self._start is None:
             return None

@@ -11,8 +11,8 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""A pause of this length in ns ends a period of activity. If there are too many periods, a longer pause is
-needed.
+"""A pause of this length in ns ends a period of activity. If there are too many periods of activity,
+`TimelineEventList` requires a longer pause.
 """
 
 MAX_ACTIVITY_PERIODS = 512
@@ -38,10 +38,10 @@ class TimelineEvent(NamedTuple):
     """An event on a timeline, or several neighbouring events joined into one.
 
     Attributes:
-        begin: Start of the first joined event, ns since 1970.
-        end: End of the last joined event, ns since 1970.
-        call_kind: Kind of the first call in the event; None if the event is a period of activity, or concerns
-            no call.
+        begin: Start of the event, or of the first of several joined events, ns since 1970.
+        end: End of the event, or of the last of several joined events, ns since 1970.
+        call_kind: Kind of the first call that the event concerns. None for a period of activity or an event
+            without a call.
     """
 
     begin: int
@@ -53,7 +53,9 @@ class TimelineEvent(NamedTuple):
 
 
 class TimelineEventList:
-    """Collects events in roughly chronological order, and joins neighbours when there are too many."""
+    """Collects events in roughly chronological order. If there are too many events, neighbouring events are
+    joined.
+    """
 
     def __init__(self, most: int, pause: int = 0) -> None:
         """Create an empty list. Events less than `pause` ns apart are joined. If there are too many events,

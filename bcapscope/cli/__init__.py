@@ -47,7 +47,7 @@ _HIDDEN_COMMANDS = {"extcap"}
 
 _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
-_LONGEST_MESSAGE = 2000  # maximum number of characters; an error message can quote the command line
+_LONGEST_MESSAGE = 2000  # maximum number of characters of an error message, which can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
 """Thresholds of Python's garbage collector, so high that the collector runs rarely. Frames and calls form no

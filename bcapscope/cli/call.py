@@ -42,7 +42,7 @@ from bcapscope.traffic.observation import Direction, Observation
 LONGEST_LINE = 65536
 """Maximum number of characters in a line of a script."""
 
-_LONGEST_SHOWN = 60  # maximum number of characters of an argument that a message quotes
+_LONGEST_SHOWN = 60  # an error message shows at most this number of characters of an argument
 
 _OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
 _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
@@ -70,7 +70,7 @@ class _ScriptFile(click.File):
     "more",
     metavar="CALL",
     multiple=True,
-    help="Make this call too, quoted as one word; may be repeated.",
+    help="Make another call. Put the whole call in quotes. You can repeat this option.",
 )
 @click.option(
     "--script",
@@ -230,8 +230,8 @@ class _CallRunner:
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. If `opens_object` is True, `arguments` opens an object and puts its handle before
-    `values`.
+    """A call to make. If `opens_object` is True, the method `arguments` opens an object, and puts the
+    object's handle before `values`.
     """
 
     function: Function
@@ -320,7 +320,8 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
         if request.opens_object and owner not in known:
             word = owner.lower()
             raise click.UsageError(
-                f"{request.function.name} needs a {word}. Add --{word} NAME, or open one in an earlier call"
+                f"{request.function.name}: no {word} is open. "
+                f"Add --{word} NAME, or open the {word} in an earlier call"
             )
         if request.function.creates is not None:
             known.add(request.function.creates)
@@ -329,7 +330,9 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the first text is a handle, which the user must not type: `call` adds it."""
+    """Return whether the user typed a handle as the first argument. If the user typed no handle, `call` adds
+    the handle.
+    """
     if len(texts) < len(params):
         return False
     try:

@@ -174,8 +174,8 @@ class _ShownCalls(PipelineSubscriber):
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print the number of stray replies, the number of packets that were captured twice, and the sessions
-        that were not clean.
+        """Print how many replies were stray, and how many packets were captured twice. List the sessions
+        whose `is_clean` is False.
         """
         if self._stray_count:
             replies = Count(self._stray_count, "reply")

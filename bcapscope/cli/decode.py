@@ -86,8 +86,8 @@ def command(
     Several captures are read as one, in the order of their first packets.
 
     Each line shows the number of a frame, its time, source > destination, transport, direction, serial and
-    reserved. After these, it shows the function or the result, the command and the arguments. If a frame is
-    damaged, its line ends with !! and a list of the problems. On a terminal, long lines are folded.
+    reserved. Further right, each line shows the function or the result, the command and the arguments. The
+    line of a damaged frame ends with !! and a list of the problems. On a terminal, long lines are folded.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
@@ -138,7 +138,7 @@ def _choose_format(
     if full and style is not FrameFormat.TREE:
         raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
-        raise click.UsageError("--hex cannot be combined with --csv or --json: leave them out")
+        raise click.UsageError("--hex cannot be combined with --csv or --json: remove --hex")
     if has_columns and (dump or style is FrameFormat.TREE):
         raise click.UsageError("--columns excludes --tree and --hex")
     return style

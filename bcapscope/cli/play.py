@@ -127,7 +127,8 @@ def _parse_mode(value: str) -> SlaveModePacing | int:
     "--log",
     metavar="FILE.csv",
     type=_NEW_FILE,
-    help="Save the controller's own log of the motion. `play` clears this log first, and reads it over TCP.",
+    help="Save the controller's own log of the motion. `play` clears the log before the motion. After the "
+    "motion, `play` reads the log over TCP.",
 )
 @click.option("--record", metavar="FILE.pcapng", type=_NEW_FILE, help="Record the traffic to a new capture.")
 @click.option("--no-realtime", is_flag=True, help="Run without real-time priority.")
@@ -152,8 +153,8 @@ def command(
 
     `play` first shows how it understood the file, and the problems that the pre-flight check found. A
     separate process then starts RobSlave (RC7), takes the arm and switches the motor on. The process moves
-    the robot to the first set point, enters slave mode and sends the set points. At the end, the process
-    restores the original state. The action log records the calls that energise or move a robot.
+    the robot to the first set point, enters slave mode and sends the set points. At the end, `play` restores
+    the state that it found at its start. The action log records the calls that energise or move a robot.
 
     While `play` runs, press s, space, Ctrl-C or Ctrl-Z to bring the robot to rest on its path. Press h,
     Escape twice or Ctrl-C twice to halt the robot at once.
@@ -294,7 +295,9 @@ class PlayRunner:
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
-        """Wait for messages of the player and for keys. Handle the keys, and return the messages."""
+        """Wait for messages from the player and for keys. Handle stop and halt keys. Return the player's
+        messages.
+        """
         watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
         ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
         if 0 in ready:
@@ -363,7 +366,7 @@ class PlayRunner:
         """Stop the robot at the first signal, and halt it at the second signal."""
         if number == _TERMINAL_CLOSED:
             self._output.close()
-        # Set the flag first: the second signal may interrupt the handler of the first signal.
+        # Set `_stop_requested` before `stop`: a second signal can interrupt `stop`, and must halt the robot.
         again, self._stop_requested = self._stop_requested, True
         if again:
             self._player.halt()

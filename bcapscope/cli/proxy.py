@@ -93,7 +93,7 @@ from bcapscope.traffic.observation import Endpoint
     "form",
     flag_value=TrafficFormat.JSON,
     type=TrafficFormat,
-    help="Print one JSON object per frame. With --calls, print one per call.",
+    help="Print one JSON object per frame. With --calls, print one JSON object per call.",
 )
 @click.option(
     "-f",
@@ -237,7 +237,8 @@ class _ProxyRun:
                 announce_ready(listening, control.address if control else "")
                 proxy.end_with_parent()
                 return
-            for greeting in greetings:  # the watcher prints them, because it writes the terminal's last line
+            # the watcher writes the terminal's last line, so the watcher must also print the greetings
+            for greeting in greetings:
                 proxy.relay.notify(greeting)
 
         return proxy, greet

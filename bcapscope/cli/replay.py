@@ -78,37 +78,44 @@ _MAX_LISTED = 8
     "--client", metavar="ADDRESS", help="Play the calls of this client, given as address or address:port."
 )
 @options.filter_option(RecordKind.CALL)
-@click.option("--arm", is_flag=True, help="As client: energise and move a robot without confirmation.")
-@options.limit_option("As client: check the set points against this limit of the arm")
+@click.option("--arm", is_flag=True, help="With --as client, energise and move a robot without confirmation.")
+@options.limit_option("With --as client, check the set points against this limit of the arm")
 @click.option(
     "--anywhere",
     is_flag=True,
-    help="As client: enter slave mode wherever the robot is, even away from the first set point.",
+    help="With --as client, enter slave mode even if the robot is not at the first set point.",
 )
 @click.option(
     "--keep-going",
     is_flag=True,
-    help="As client: continue if a call fails that did not fail in the recording.",
+    help="With --as client, continue after a call that fails in the replay but succeeded in the recording.",
 )
 @click.option(
     "--longest-pause",
     metavar="SECONDS",
     type=options.NumberRange(0),
     default=5.0,
-    help="As client: shorten long pauses between calls to this many seconds.",
+    help="With --as client, shorten longer pauses between calls to this time in seconds.",
 )
 @click.option(
-    "--no-delay", is_flag=True, help="As server: answer immediately instead of after the recorded time."
+    "--no-delay",
+    is_flag=True,
+    help="With --as server, answer immediately instead of after the recorded time.",
 )
 @click.option(
     "--listen",
     metavar="ADDRESS",
     default="127.0.0.1",
-    help="As server: listen on this address of this machine.",
+    help="With --as server, listen on this address of this machine.",
 )
-@options.record_option("As server: record the traffic to a new capture.")
-@click.option("--json", "as_json", is_flag=True, help="As client: print one JSON object per call.")
-@click.option("-q", "--quiet", is_flag=True, help="Do not print calls; as client, print only differences.")
+@options.record_option("With --as server, record the traffic to a new capture.")
+@click.option("--json", "as_json", is_flag=True, help="With --as client, print one JSON object per call.")
+@click.option(
+    "-q",
+    "--quiet",
+    is_flag=True,
+    help="Do not print calls. With --as client, print only results that differ from the recording.",
+)
 @options.color
 @options.language
 def command(
@@ -135,17 +142,18 @@ def command(
     replies.
 
     As client, `replay` first opens each object that the recorded calls use but do not open. `replay` makes
-    each call at its recorded time, with the handles of HOST, and compares the results. Recorded retries are
-    not repeated. At the end, `replay` leaves slave mode and releases open objects.
+    each call at its recorded time, and compares the result with the recorded result. The calls use the
+    handles that HOST gives. Recorded retries are not repeated. At the end, `replay` leaves slave mode and
+    releases open objects.
 
     Before `replay` sends anything, it checks the set points as the pre-flight check of `play` does. A
     recording that may energise or move a robot needs --arm or your confirmation, except with bcapscope's own
     simulator. The action log records the calls that energise or move a robot. `replay` enters slave mode only
     if the robot is at the first set point; --anywhere skips this check.
 
-    As server, `replay` answers each call with the reply that the next equal call got in the recording. Ctrl-C
-    ends the server. In a shell script, end a background `replay` with SIGTERM, as in kill $!. In such a
-    script, background jobs ignore Ctrl-C (SIGINT).
+    As server, `replay` sends the recorded reply of the next call with the same function, command and
+    arguments. Ctrl-C ends the server. In a shell script, end a background `replay` with SIGTERM, as in kill
+    $!. In such a script, background jobs ignore Ctrl-C (SIGINT).
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
@@ -240,8 +248,8 @@ class _PreflightCheck:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points. If any fail, print the results of their runs and exit. If all pass, print the
-        results only with `shown` and without --quiet.
+        """Check all runs of set points. If a run fails the check, print the results of the failed runs and
+        exit. A successful check prints results only if `shown` is True; --quiet suppresses these results.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

@@ -102,8 +102,9 @@ def _behaviour_lines() -> Iterator[str]:
 @click.option(
     "--no-argument",
     type=click.Choice([each.value for each in NoArgument]),
-    help="Omit the EMPTY argument in replies without a value: never, only in replies to slvChangeMode, or "
-    "always. Default: slvchangemode for rc7, never for other profiles.",
+    help='Choose which replies without a value omit the argument EMPTY. "never" means no reply, '
+    '"slvchangemode" means only replies to slvChangeMode, and "always" means all replies. The default is '
+    '"slvchangemode" for the profile rc7, and "never" for other profiles.',
 )
 @click.option("--listen", metavar="HOST", default="127.0.0.1", help="Listen on this address of this machine.")
 @click.option(
@@ -135,9 +136,9 @@ def command(
 
     `sim` prints one line per call. While `sim` runs, you can type commands. "reset" forgets all clients, as
     Reset on the pendant does. "stop" presses the emergency stop, and "go" releases the emergency stop.
-    "detector" switches the detector of late set points in the Async modes of RC7 on or off. "quit" ends
-    `sim`. In a shell script, end a background `sim` with SIGTERM, as in kill $!. In such a script, background
-    jobs ignore Ctrl-C (SIGINT).
+    "detector" turns on or off the detection of late set points in the Async modes of RC7. "quit" ends `sim`.
+    In a shell script, end a background `sim` with SIGTERM, as in kill $!. In such a script, background jobs
+    ignore Ctrl-C (SIGINT).
 
     --scenario simulates a controller with a known problem. `diagnose` finds the root cause in a capture of
     the traffic. Lines that begin with # show what the scenario does.

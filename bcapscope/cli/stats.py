@@ -24,8 +24,8 @@ def command(**given: Any) -> None:
     """Show figures about the calls in captures, by client and by command.
 
     Each row shows the figures of all calls, of one client, or of one command of a client. Line time is the
-    time that the client waited for replies to these calls, as a share of the total time. Latency is the time
-    from the first attempt of a call to its accepted reply.
+    total latency of a row's calls, as a share of the total time. Latency is the time from the first attempt
+    of a call to its accepted reply.
 
     Exit codes: as for `decode`.
     """

@@ -146,7 +146,7 @@ def _check_source_options(
 
 
 def _choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and of its processes to that of --lang or, without --lang, of the
+    """Set the language of the screen and its processes. --lang takes precedence over the language in the
     settings.
     """
     from bcapscope.tui.reader_language import set_language

@@ -71,7 +71,7 @@ class LogFiles:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _current(self, day: str) -> Path:
-        self._folder.mkdir(parents=True, exist_ok=True)  # also if it was deleted while bcapscope runs
+        self._folder.mkdir(parents=True, exist_ok=True)  # a user may delete the folder while bcapscope runs
         number = max(map(_number_of, self._folder.glob(f"actions-{day}*")), default=1)
         path = self._numbered_path(day, number)
         with suppress(FileNotFoundError):
@@ -208,8 +208,8 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, but no longer than `CLOSE_TIMEOUT`. If a line is logged later, a
-        new thread writes this line.
+        """Wait until all lines are written, but no longer than `CLOSE_TIMEOUT`. If a line is logged after
+        `close`, a new thread writes the line.
         """
         with self._lock:
             thread, self._thread = self._thread, None

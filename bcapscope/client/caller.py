@@ -49,7 +49,8 @@ class Caller:
         after its caller.
 
         If `fails_if_refused` is True, a call over UDP fails at the first error that the operating system
-        reports for sent data. After the controller has sent data, these errors are ignored.
+        reports for sent data. After the first data from the controller, errors of the operating system no
+        longer end a call.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer

@@ -90,7 +90,9 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the object with this name. If it is not open, open it through `parent`."""
+        """Return the handle of the object with this name. If the object is not open, open the object through
+        `parent`.
+        """
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle

@@ -68,9 +68,9 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    On TCP, a call has only one attempt. This attempt has a longer timeout: the sum of the timeouts of all
-    attempts on UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time
-    to retransmit lost data.
+    Over TCP, a call has only one attempt. The timeout of a TCP call is as long as the timeouts of all UDP
+    attempts together. Over TCP, slvMove has the same timeout as other calls, because TCP needs longer than a
+    cycle time to retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
@@ -137,8 +137,8 @@ class Session:
         """Leave slave mode, release all open objects, newest first, and close the link.
 
         If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects. The controller must then release its open objects itself. A controller that is busy with a
-        motion reads Service_Stop when the motion ends.
+        objects. The controller must release the objects that the session leaves open. A controller that is
+        busy with a motion reads Service_Stop when the motion ends.
         """
         try:
             if self._is_starting:
@@ -172,7 +172,7 @@ class Session:
             pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return the timeout and the number of retries of a call. On UDP, both depend on the slave mode."""
+        """Return the retry policy of a call. Over UDP, the retry policy depends on the slave mode."""
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
@@ -184,8 +184,8 @@ class Session:
         return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot. For a call that writes a variable, the result
-        depends on the variable.
+        """Return whether a call may energise or move the robot. The variable's name and the value decide
+        whether Variable_PutValue needs arming.
         """
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
@@ -250,9 +250,9 @@ async def open_session(
     """Open a link, or raise OSError. At the end of the block, the session releases all objects that its calls
     opened.
 
-    `open_link` is the result of `over_udp` or `over_tcp`. By default, the reserved field follows DENSO's
-    slides on UDP, and is 0 on TCP. `observer` receives every frame, and `listener` every event. `Caller`
-    explains `fails_if_refused`.
+    `open_link` is the result of `over_udp` or `over_tcp`. The default `convention` is `SEED` over UDP, and
+    `TCP0` over TCP. `observer` receives every frame, and `listener` every event. `Caller` explains
+    `fails_if_refused`.
     """
     caller = Caller(observer, listener, fails_if_refused)
     link = await open_link(caller)

@@ -95,7 +95,7 @@ class Message:
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
         """Return a message whose English text is in a table, such as the meaning of a result code.
 
-        The catalogue contains only translations of such a message.
+        The catalogue has translations of this message, but no English text.
         """
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
@@ -140,11 +140,11 @@ class MessageFormatter:
     Attributes:
         language: Language of the reader.
         start: Start of the traffic in ns since 1970. Sentences show times relative to the start.
-        only_client: Whether the traffic has a single client. Sentences then leave out the address of this
+        only_client: Whether sentences leave out the address of the client, because the traffic has a single
             client.
         find_frame: Function that takes the number of a frame. The function returns the name of the frame's
             capture and the number of the packet in this capture, or None if the frame is unknown. Without
-            this function, sentences show only the numbers of frames.
+            `find_frame`, sentences show only the numbers of frames.
     """
 
     def __init__(
@@ -166,11 +166,13 @@ class MessageFormatter:
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a formatter in the same language for a report about traffic that began at `start`."""
+        """Return a copy of this formatter for one report. The copy has the report's `start` and
+        `only_client`.
+        """
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:
-        """Return a formatter in the same language that also names each frame's capture and packet."""
+        """Return a copy of this formatter that also names each frame's capture and packet."""
         return MessageFormatter(self.language, self.start, self.only_client, find_frame)
 
     def text(self, message: Message) -> str:

@@ -122,11 +122,11 @@ class Measured(Place):
 
 
 class Count(Place):
-    """A number of things, such as `3 calls`, in the singular or plural of the language.
+    """A number with its noun, such as `1 call` or `3 calls`.
 
     Attributes:
         number: Number of things.
-        unit: Kind of things. In the catalogue, the text for this kind has the id `count.<unit>`.
+        unit: Kind of things, such as `call`. In the catalogue, the text has the id `count.<unit>`.
     """
 
     type_name = "count"

@@ -3,8 +3,8 @@ of the arm's limits.
 
 The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
 so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If the speed limit of an
-axis is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave is faster, so faster set points are an error in
-the file.
+axis is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave moves faster than `MAX_ARM_SPEED`, so the
+pre-flight check rejects a trajectory that exceeds this speed.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
 MAX_LIMIT = 1e9
-"""Largest number that a user may set as a limit, in mm or degrees and seconds. Limits of real robots are far
-smaller.
+"""Largest number that a user may set as a limit, whatever the unit of the limit. Limits of real robots are
+far smaller.
 """
 
 _LIMIT = re.compile(
@@ -51,8 +51,8 @@ class ArmLimits:
     """Limits of one arm. `axis_count` is the number of joints; None if it is unknown.
 
     Attributes:
-        axes: Limits of each known axis; the key is the name of the axis. The limits use the unit of the axis
-            and seconds. An unknown limit is infinite.
+        axes: Limits of each known axis; the key is the name of the axis. Limits are in degrees or mm; limits
+            of speed are per second, limits of acceleration per second squared. An unknown limit is infinite.
         to_joints: Function that computes the joints for a pose of P or T type, and raises an exception if the
             pose is out of reach. None if the arm's kinematics are unknown.
     """

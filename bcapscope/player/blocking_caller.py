@@ -1,9 +1,9 @@
 """A channel to a controller, and calls over this channel, without an event loop.
 
 No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
-from the channel. `begin_call`, `send_due` and `wait_for_outcome` are the separate steps of a call. Code that
-has a deadline between two steps uses them. A `Session` uses `perform_call`, which makes a whole call. These
-four methods share a requester, and therefore one sequence of serials.
+from the channel. Code that must send at a deadline uses `begin_call`, `send_due` and `wait_for_outcome`, the
+separate steps of a call. A `Session` uses `perform_call`, which makes a whole call. These four methods share
+a requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. A sleep ends later
-than requested, but the delay is shorter than this time.
+"""Time in ns. The thread sleeps until `SPIN_TIME` before a deadline, and then polls the clock until the
+deadline. The operating system ends a sleep late, but by less than `SPIN_TIME`.
 """
 
 _DATAGRAM_SIZE = 4096
@@ -59,8 +59,8 @@ time between two set points.
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Tolerance in ns for the offset between the system clock and the monotonic clock. If the offset changes by
-more, the system clock was set or the thread was delayed.
+"""Tolerance in ns for changes of the offset between the system clock and the monotonic clock. If the offset
+changes by more than `_CLOCK_TOLERANCE`, the system clock was set or the thread was delayed.
 """
 
 
@@ -106,13 +106,14 @@ class Channel:
         """
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
-            time.sleep(length / 1e9)  # data that arrive during the sleep are not needed before it ends
+            time.sleep(length / 1e9)  # the caller needs no data before the sleep ends
 
     def send(self, data: bytes) -> None:
         """Send bytes. On TCP, either all bytes are sent or the connection fails."""
         if self.datagrams:
-            # Ignore the errors of a lost datagram, and of a closed port that an earlier datagram reached.
-            # The requester's retries handle a lost datagram and a closed port.
+            # BlockingIOError means that this datagram is lost. ConnectionRefusedError means that an earlier
+            # datagram reached a closed port. The requester's retries handle a lost datagram and a closed
+            # port.
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(data)
         else:
@@ -154,7 +155,7 @@ class Channel:
 
 
 def _measure_epoch_offset() -> int:
-    """Return the time in ns since 1970 at which the clock `now` was 0: the largest of five measurements."""
+    """Return the system clock minus the monotonic clock in ns: the largest of five measurements."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
@@ -190,8 +191,8 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that is called for every frame. The arguments say whether the frame was sent, its bytes, and its
-time in ns on the channel's clock.
+"""Function that gets every frame. The first argument is True for a sent frame. The second argument is the
+frame's bytes. The third argument is the time in ns of the channel's clock.
 """
 
 
@@ -211,8 +212,8 @@ ABORT_CHECK_INTERVAL = 50_000_000
 """Time in ns between two calls of the function `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""The caller reserves the end of each wait, this many ns, for reading a reply. A reply may arrive while
-`BlockingCaller.sleep_until_due` sleeps.
+"""Time in ns by which `BlockingCaller.sleep_until_due` shortens its sleep. In this time, the caller reads a
+reply that arrived during the sleep.
 """
 
 
@@ -282,10 +283,10 @@ class BlockingCaller:
     def sleep_until_due(self, until: int) -> None:
         """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
-        Without this sleep, the program would use the processor until the reply arrives. The scheduler would
-        then let other programs run first. In a test, the player sent a set point every 1 ms without real-time
-        priority, while other programs kept the processor busy (Linux 6.18, sched-eevdf). Without this sleep,
-        3 % of the set points were 2 ms late; with this sleep, only 0.3 % were so late.
+        If the program used the processor until the reply arrives, the scheduler would let other programs run
+        first. In a test, the player sent a set point every 1 ms without real-time priority, while other
+        programs kept the processor busy (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points
+        were 2 ms late; with this sleep, only 0.3 % were so late.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)

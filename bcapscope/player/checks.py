@@ -22,12 +22,12 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
 
 MAX_NUMBERS = 8
-"""Maximum number of set points that a problem lists. `PreflightProblem.count` is the total number of set
-points with the problem.
+"""Maximum number of set points in `PreflightProblem.points`. `PreflightProblem.count` is the total number of
+set points with the problem.
 """
 
 SAME_INTERVAL = 0.01
-"""Intervals that differ by at most this share of the interval count as equal."""
+"""The pre-flight check treats two intervals as equal if they differ by at most 1 %."""
 
 LARGEST_NUMBER = 1e9
 """Largest plausible number of mm or degrees in a set point."""
@@ -81,8 +81,8 @@ class PreflightContext:
     def axis_count(self) -> int | None:
         """Number of joints of a known arm, or the number that the controller reports; None if unknown.
 
-        Most controllers report eight joints, with 0 for joints that the robot lacks. Eight reported joints
-        therefore do not show how many joints the robot has.
+        Most controllers report eight joints, with 0 for joints that the robot lacks. If a controller reports
+        eight joints, the robot may have fewer joints.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count

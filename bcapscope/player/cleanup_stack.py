@@ -39,8 +39,9 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push a cleanup task, then run the step that the task undoes.
 
-        Push the task first, because the reply to the step's call may be lost. If the controller refuses the
-        call, remove the task.
+        If the reply to the step's call is lost, the controller may have executed the step. The method
+        therefore pushes the cleanup task before the step. If the controller refuses the call, the method
+        removes the cleanup task.
         """
         self.push(task)
         try:

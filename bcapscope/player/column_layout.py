@@ -105,7 +105,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # steps that differ by at most this share count as equal
+_EVEN = 1e-3  # largest difference between the intervals of a time column, as a share of an interval
 _USUAL_AXES = 6
 
 
@@ -128,8 +128,8 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of the axes, in the order of the axes. Also the columns of the time and of the controller's
-    counter, if the table has them.
+    """The columns of a table that holds a trajectory. `columns` has one column per axis, in the order of the
+    axes. `time` or `counter` is None if the table has no such column.
 
     Each note is one clause about something that the reader chose or assumed.
     """
@@ -183,7 +183,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
         places = _axis_places(read, role)
         found = {kind: axes for kind in _PREFERENCE if (axes := _leading_axes(kind, places))}
         if len(found.get(PoseType.J, ())) < sum(name[0] == "J" for name in places):
-            found.pop(PoseType.J, None)  # a joint in between has no column
+            found.pop(PoseType.J, None)  # a joint has no column, but a later joint has one
         kind = next((kind for kind in found if options.kind in (None, kind)), None)
         if kind is not None:
             others = [other for other in found if other is not kind]
@@ -245,7 +245,7 @@ def _axis_places(read: Sequence[ColumnTitle | None], role: ColumnRole) -> dict[s
 
 
 def _leading_axes(kind: PoseType, places: Mapping[str, int]) -> tuple[Axis, ...]:
-    """Return the axes up to the first axis without a column; () if they are too few for the pose type."""
+    """Return the axes before the first axis without a column. Return () if the pose type needs more axes."""
     axes = tuple(takewhile(lambda axis: axis.name in places, AXES[kind]))
     return axes if len(axes) >= MIN_COLUMNS[kind] else ()
 
@@ -302,7 +302,7 @@ def _layout_notes(
     role: ColumnRole,
     read: Sequence[ColumnTitle | None],
 ) -> Iterator[Message]:
-    """Yield a note for each choice of a role, a pose type or a column that the reader made."""
+    """Yield notes about the chosen column role, pose type and columns."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):

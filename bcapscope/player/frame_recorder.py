@@ -43,10 +43,9 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Keeps every frame for the recording, and reports each frame for display unless `is_pacing`."""
+    """Keeps every frame for the recording. While `is_pacing` is False, also sends each frame for display."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
-        """`send` is called with each frame unless `is_pacing`; `recording` is the file to write, or None."""
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False

@@ -36,7 +36,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values. Further values change only the bins and the maximum."""
+        """Allocate memory for `capacity` values. Later values are not stored, but counted in bins."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -87,8 +87,8 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Return the index of the bin for a value. Each value below 16 has its own bin; above, each power of two
-    has 16 bins.
+    """Return the index of the bin for a value. Each value below 16 has its own bin. From 16 on, 16 bins cover
+    the values from one power of two to the next.
     """
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)

@@ -1,4 +1,4 @@
-"""Checks of a trajectory's motion: first point, distances, speeds, and rest at the start and end."""
+"""Checks of a trajectory's motion: first point, distances, speeds, and standstill at the start and end."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = Message("preflight.advice.move-there")
 _SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
 _SLOWER_OR_RESAMPLE = Message("preflight.advice.slower-or-resample")
-# the robot counts as at rest below this share of its top speed, or below this speed in units per second
+# The check treats an axis as standing still below 10 % of its highest speed, or below 1 mm/s or 1 deg/s.
 _SLOW, _CRAWL = 0.1, 1.0
 
 
@@ -49,7 +49,7 @@ class AxisFigures(NamedTuple):
         step: Largest step from one set point to the next.
         acceleration: Largest acceleration, assuming that the robot is at rest before the first and after the
             last point.
-        fastest: Number, counted from 1, of the set point at the end of the fastest step.
+        fastest: Number of the set point where the fastest step ends; the first set point has the number 1.
     """
 
     axis: Axis
@@ -63,8 +63,8 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return the figures of the trajectory's axes, then the figures of the joints if bcapscope can compute
-    the joints.
+    """Return one `AxisFigures` for each axis of the trajectory. If bcapscope can compute the joints, the
+    `AxisFigures` of the joints follow.
     """
     if context.step is None:
         return ()
@@ -251,8 +251,8 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return which set points have a violation. Rows after the last set point belong to the start of the next
-    round.
+    """Return for each of the `count` set points whether it violates a limit. Rows of `where` after `count`
+    describe the first set points of the next round.
     """
     at = where[:count].copy()
     rest = where[count : 2 * count]

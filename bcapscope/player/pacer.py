@@ -7,15 +7,15 @@ Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
   missing shortly before the next deadline, the pacer gives the call up. It then sends the next set point. In
   Async and mode 1, the pacer never retries a set point, because the controller follows only the newest set
   point. A reply does not wake the player: the pacer reads replies only shortly before the next deadline. The
-  operating system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply still
-  shows that the controller is alive, and a late refusal ends the play. If the time since the newest answered
-  set point exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply arrives.
+  operating system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply shows that
+  the controller is alive. If a late reply refuses a set point, the pacer raises ControllerError. If the time
+  since the newest answered set point exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply
+  arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
-  point is due 0.3 ms after the reply (`_PREPARATION`), so that this delay is always the same. If no reply
-  arrives, the requester retries after each `RetryPolicy.timeout`. It discards replies to earlier attempts.
-  After the last attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full
-  buffer needs no set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the
-  controller as gone.
+  point is due at a fixed time after the reply: 0.3 ms (`_PREPARATION`). If no reply arrives, the requester
+  retries after each `RetryPolicy.timeout`. It discards replies to earlier attempts. After the last attempt,
+  the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no set point
+  yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
 * **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
   pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
   means that the buffer had no room, so the pacer sends the same set point again.
@@ -50,9 +50,9 @@ from bcapscope.protocol.tables.hresult import (
 )
 
 SILENCE_TIMEOUT = 100_000_000
-"""If no reply arrives for this time in ns, a dozen periods, the pacer treats the controller as behind or
-gone. Over TCP, the pacer uses the timeout of a call instead of this limit, because TCP may need more than 100
-ms to retransmit.
+"""Time in ns, about twelve periods. After this time without a reply, the pacer sends no set point until a
+reply arrives. Over UDP, the pacer also gives the controller up after `SILENCE_TIMEOUT`. Over TCP, the pacer
+waits for the timeout of a call, because TCP may need more than 100 ms to retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
@@ -64,7 +64,8 @@ buffer.
 """
 
 MIN_PERIOD_SHARE = 0.98
-"""Minimum average time between set points, as a share of the period; clocks differ by far less than 2 %."""
+"""Minimum average time between set points, as a share of the period. The margin of 2 % exceeds clock errors.
+"""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
@@ -192,7 +193,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Store how long the reply took, without the time that the player is known to have overslept."""
+        """Store the time until the reply, minus the time by which the player's sleep was too long."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept
@@ -319,8 +320,8 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return `due`. If the set point was sent more than half a period later, return `sent`. The next
-        deadline is one period after the returned time.
+        """Return `sent` if the set point was sent more than half a period after `due`, else return `due`. The
+        next deadline is one period after the returned time.
         """
         if sent - due <= self._move.period // 2:
             return due
@@ -332,7 +333,7 @@ class Pacer:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            # the next deadline does not depend on the reply: `sent - due` is the set point's whole lateness
+            # The reply does not move the next deadline, so `sent - due` already includes any oversleep.
             self._overslept = 0
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at
@@ -341,7 +342,7 @@ class Pacer:
 
 
 class _Throttle:
-    """Limits how fast a controller that sets the pace can request set points.
+    """Limits the rate of set points if the controller sets the pace.
 
     At first, the pacer may send two set points more than the buffer holds. Afterwards, the pacer sends at
     most one set point per period on average. A controller that confuses two slave modes may answer at once,

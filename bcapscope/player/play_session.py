@@ -88,8 +88,7 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Poll for an order, and report progress if a report is due. Raise HaltedError on an order to
-        halt."""
+        """Obey orders from the pipe, and report progress. Raise HaltedError on an order to halt."""
         order = self._pipe.poll_order()
         if order is Order.HALT:
             raise HaltedError
@@ -236,7 +235,7 @@ class PlaySession:
             await self._prepare(trajectory)
             self._report_state(PlayState.ENTERING)
             await self._robot.set_formats(trajectory.kind)
-            # push before the call, so that the cleanup leaves slave mode even if slvChangeMode fails
+            # Push the cleanup task first, so that the cleanup leaves slave mode even if the call fails.
             self._cleanup.push(CleanupTask.SLAVE_MODE)
             await self._robot.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
@@ -248,8 +247,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If slave mode is on already, another client controls the robot. Most calls of the player would then
-        cause an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is already on, another client controls the robot. Most calls of the player would end the
+        other client's motion with an error (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -266,8 +265,7 @@ class PlaySession:
             self.has_log = True
 
     async def _switch_on(self, task: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
-        """Switch RobSlave or the motor on. The cleanup switches RobSlave or the motor off only if this
-        session switched it on."""
+        """Switch on RobSlave or the motor. The cleanup switches off only what this session switched on."""
         was_off = self._was_off.setdefault(task, not is_on)
         if is_on:
             return
@@ -337,7 +335,7 @@ class PlaySession:
         try:
             await halt_robot(self._session, self._robot.robot.handle, self._wait_async)
         except BcapError:
-            pass  # even if the halt fails, the cleanup then leaves slave mode
+            pass  # the cleanup leaves slave mode even if the halt fails
         except OSError:
             self._cleanup.is_controller_gone = True
 
@@ -397,7 +395,7 @@ class PlaySession:
             raise PlayAbortedError(outcome, self._pipe.reason)
 
     def _stop_limits(self) -> ArmLimits:
-        """Return the limits for a stop without the conversion to joints, which is too slow during motion."""
+        """Return the arm's limits for a stop, without `to_joints`, which is too slow during a motion."""
         base = limits_for_arm(self._robot.facts.get(TYPE_NAME_FACT, ""))
         return replace(with_limits(base, self._plan.limits), to_joints=None)
 

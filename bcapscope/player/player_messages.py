@@ -1,7 +1,7 @@
 """The messages between the player's process and its parent: JSON, one object per line.
 
-The parent process sends the `PlayPlan` first, then orders. The player sends facts about the controller,
-progress, questions and finally one `PlayEnded`.
+The parent process sends one `PlayPlan`, and later a `PlayerCommand` for each order and each answer. The
+player sends facts about the controller, progress, questions and finally one `PlayEnded`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SetPointValues: TypeAlias = tuple[float, ...]
 
 
 TYPE_NAME_FACT = "type name"
-"""Key under which the facts about the controller hold the robot's type name."""
+"""Key of the robot's type name in `ControllerInfo.facts`."""
 
 
 class SlaveModePacing(StrEnum):
@@ -90,11 +90,11 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         approach: Speed, in percent, of the ordinary motion to the first point.
         may_approach: Whether to move to the first point without asking the user.
         armed: Whether the user has confirmed that a robot may move.
-        look_only: Whether the player only connects, reports facts about the controller, and ends. The player
-            then moves nothing and changes nothing.
+        look_only: Whether the player only connects, reports facts about the controller, and ends. With
+            `look_only`, the player moves nothing and changes nothing.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
-        aftermath: Steps of a crashed player; None to play. This player undoes these steps and plays nothing.
+        aftermath: Steps of a crashed player that the new player undoes instead of playing; None to play.
         first_serial: First serial that the player uses. No crashed player can have used this serial.
     """
 
@@ -159,8 +159,8 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
         generation: RC7, or RC8 for all later generations.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
-        distance: Distance from the current pose to the first point, in degrees or mm. The axis with the
-            largest difference gives the distance.
+        distance: Largest difference of one axis between the current pose and the first point, in degrees or
+            mm.
     """
 
     simulator: bool
@@ -185,14 +185,13 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts of set points.
 
     Attributes:
-        sent: Number of set points that the player sent; retries do not count. A set point that the player
-            repeats because the buffer was full counts again.
+        sent: Number of set points that the player sent, without retries but with the `repeated` set points.
         late: Late replies.
         unanswered: Set points that got no reply.
         repeated: Set points sent again because the controller's buffer was full (83201483).
-        shifted: Times that the pacer moved the deadlines because it was late by more than half a period.
-        held: Set points that the player delayed because the controller, which sets the pace, asked for them
-            too soon.
+        shifted: How often the pacer moved the deadlines because a set point was late by more than half a
+            period.
+        held: Set points that the player delayed because the controller requested them too soon.
     """
 
     sent: int = 0
@@ -296,7 +295,7 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
         index: How many of the trajectory's set points the player sent.
         left: Whether the cleanup ran; False if the controller no longer answered.
         logged: Number of records of the controller's log that the player saved.
-        retries_expected: Whether retries are normal. They are normal over UDP if the replies set the pace.
+        retries_expected: Whether retries are normal: True over UDP if the controller's replies set the pace.
     """
 
     outcome: PlayOutcome

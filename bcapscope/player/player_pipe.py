@@ -28,7 +28,7 @@ _ATOMIC_WRITE_SIZE = 4096
 """Size, in bytes, of the largest write that a pipe never splits (PIPE_BUF on Linux)."""
 
 _SEND_TIMEOUT = 2.0
-"""Maximum number of seconds that `wait_until_sent` waits until the parent has read the last messages."""
+"""Maximum time in seconds that `wait_until_sent` waits for the parent to read messages."""
 
 _MAX_UNWRITTEN = 1 << 20
 """Maximum number of bytes that may wait until the parent reads them. Above this limit, the player drops
@@ -58,7 +58,7 @@ class PlayerPipe:
         os.set_blocking(messages, False)
 
     def read_plan(self) -> PlayPlan:
-        """Wait for the plan, which is the first line; raise EOFError if the pipe closes first."""
+        """Wait for the `PlayPlan` in the first line. Raise EOFError if the pipe closes during the wait."""
         parts = []
         newline = rest = b""
         while not newline:
@@ -75,9 +75,9 @@ class PlayerPipe:
     def install_signal_handlers(self) -> None:
         """Treat signals as orders.
 
-        The first SIGINT, SIGTERM or SIGHUP is an order to stop. SIGUSR1, or a further signal of these three,
-        is an order to halt. If the parent blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier
-        takes effect now.
+        SIGINT, SIGTERM and SIGHUP are orders to stop. If the player already has an order, each of these
+        signals is an order to halt. SIGUSR1 is always an order to halt. If the parent blocked SIGUSR1 in the
+        player, a SIGUSR1 that was sent earlier takes effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)

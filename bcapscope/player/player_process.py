@@ -42,8 +42,8 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""If a player that should end sends no message for this many seconds, the parent kills the player. Even a
-player that waits for a silent controller sends messages more often.
+"""If a player that should end sends no message for this many seconds, the parent kills the player. A working
+player sends messages more often than every 20 s, even while it waits for a silent controller.
 """
 
 _SERIAL_MARGIN = 5000
@@ -82,7 +82,8 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                # no buffer, because a signal handler may interrupt `_send` and write to the same pipe
+                # The pipe has no buffer, because a signal handler may interrupt `_send` and write to the
+                # pipe.
                 bufsize=0,
                 start_new_session=True,  # so that Ctrl-C reaches only the parent, which then stops the player
             )
@@ -146,14 +147,14 @@ class PlayerProcess:
         return self.read_messages()
 
     def stop(self) -> None:
-        """Order the player to bring the robot to rest on its path, then clean up."""
+        """Order the player to bring the robot to rest on its path and then to clean up."""
         self._send(encode_message(PlayerCommand(Order.STOP)))
 
     def halt(self) -> None:
-        """Order the player to halt the robot at once, then clean up.
+        """Order the player to halt the robot at once and then to clean up.
 
-        The order is sent as a signal, because a full pipe cannot delay a signal. The process that cleans up
-        after a crashed player gets no signal, because it needs no order.
+        The parent sends the order to halt as a signal: a full pipe can delay a message, but not a signal. If
+        the player has crashed, this method does nothing, because another process already cleans up.
         """
         if not self._crash:
             with suppress(ProcessLookupError):

@@ -37,8 +37,8 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call sched_setattr on each processor, because older C libraries have no function for
-this call.
+"""Number of the system call sched_setattr for each type of processor. Older C libraries have no function
+sched_setattr, so bcapscope makes the system call by number.
 """
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
@@ -50,7 +50,7 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
     """Whether the system granted real-time priority, and whether it granted memory that it never swaps to
     disk.
 
-    `text` states both facts in a sentence, with advice if the system refused one.
+    `text` describes the result to the user, with advice if the system refused a request.
     """
 
     realtime: bool

@@ -26,7 +26,7 @@ DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # each stop that is tried takes longer than the previous stop by this factor
+_STOP_GROWTH = 1.5  # factor by which `stop_after` lengthens a stop that exceeds a limit
 _DEFAULT_STOP = 0.5  # shortest stop, in seconds, if no acceleration limit is known
 _ROUNDING = 1e-9  # rounding can make a computed number of cycles too large by this share of a cycle
 
@@ -91,9 +91,9 @@ def stop_after(
     one row.
 
     The function tries longer and longer stops, from 0.1 s to 2 s, until a stop keeps within the limits. If
-    the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
-    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends before a stop would
-    end, return the remaining points of the trajectory. `period` is in seconds. With `loop`, the first point
+    the trajectory exceeds a limit near set point `row`, the stop may exceed the limit by the same factor. If
+    an acceleration limit is unknown, the stop takes at least 0.5 s. If the remaining path is too short for a
+    stop, return the remaining points of the trajectory. `period` is in seconds. With `loop`, the first point
     follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
@@ -147,8 +147,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """`part` is the share of a start that has passed. Return the distance that the robot has covered,
-    relative to the distance at full speed for a whole start: 0 if `part` is 0, 0.5 if `part` is 1.
+    """Return the distance that the robot covers in the share `part` of a ramp, while it accelerates from
+    rest. Distance 1 is the distance at full speed in the time of one ramp, so a whole ramp covers 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -156,8 +156,9 @@ class RobotAdapter:
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor on or off, with at least `retries` retries.
 
-        If the machine lock is on, a controller refuses to switch the motor. DENSO's slides recommend the
-        machine lock for experiments. The method ignores this refusal, because a locked robot does not move.
+        If the machine lock is on, a controller refuses to switch the motor on or off. DENSO's slides
+        recommend the machine lock for experiments. The method ignores a refusal that the machine lock causes,
+        because the machine lock prevents motion.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -264,8 +265,8 @@ class RobotAdapter:
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
     """Return the difference, in degrees or mm, of the axis that differs most; ignore Fig.
 
-    Direction cosines count as angles. Compare only the axes that both poses have, because RC7 may report six
-    joints.
+    Direction cosines count as angles. RC7 may report only six joints, so the function compares only the axes
+    that both poses have.
     """
     before, after = paired_rows(kind, here, there)
     ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)

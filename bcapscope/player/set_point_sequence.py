@@ -3,7 +3,7 @@
 The player sends the first point a few times before the robot moves, so that the controller's buffer is full
 when the motion starts. An unfilled buffer runs empty at the first points of a motion (issues 20 and 49 of
 DENSORobot/denso_robot_ros). nkawa/Denso_CobottaPro900_MQTT_Control sends the first point four times. The
-player sends the last point as often as the first, so that the robot stands still when slave mode ends.
+player also sends the last point several times, so that the robot has come to rest when slave mode ends.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far. All rounds of the trajectory count, and so do the set
-            points of a stop.
+        index: Number of set points returned so far. `index` includes the set points of all rounds and of a
+            stop, but not the repetitions of the first and last point.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """

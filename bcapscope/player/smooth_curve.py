@@ -3,11 +3,11 @@ the robot on its path.
 
 Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At each
 end, the polynomial has the position, speed and acceleration of the point at this end. At each point, speed
-and acceleration come from a parabola. This parabola goes through the point and its two neighbours. The first
-and the last point have the speed and acceleration of the straight line to their neighbour. The curve
-therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
-changes only the two pieces of the curve before it and the two pieces after it. For points at equal intervals,
-the speed never exceeds 1.75 times the speed of the fastest straight line between two points.
+and acceleration come from a parabola. This parabola goes through the point and its two neighbours. At the
+first and the last point, the acceleration is 0 and the speed is the average speed to the neighbouring point.
+The curve therefore goes through every point, and position, speed and acceleration are continuous (C2). A
+wrong point changes only the two pieces of the curve before it and the two pieces after it. For points at
+equal intervals, the speed never exceeds 1.75 times the highest average speed between two neighbouring points.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ ROTATION_COLUMNS = slice(3, 6)
 """Columns of P type that hold rotations in degrees; 180 and -180 are the same rotation."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""For each pose type, the column of Fig. Fig is the number of a posture, so a value between two numbers means
-nothing.
+"""Column that holds the posture number Fig in poses of P and T type. A value between two posture numbers
+means nothing.
 """
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
-"""Columns of T type that hold its two unit vectors, which are at a right angle."""
+"""Columns that hold the two unit vectors of a T-type pose. The two unit vectors are at a right angle."""
 
 
 class SmoothCurve:
@@ -59,7 +59,7 @@ class SmoothCurve:
     def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
         u, h = part[:, None], width[:, None]
         u3, rest = u**3, 1 - u
-        # what position, speed and acceleration at the start and at the end add to the curve (Bernstein form)
+        # Each end adds its position, speed and acceleration to this piece of the curve (Bernstein form).
         start = rest**3 * (
             self._rows[left] * (1 + 3 * u + 6 * u**2)
             + self._speeds[left] * h * u * (1 + 3 * u)
@@ -73,8 +73,8 @@ class SmoothCurve:
         return start + end
 
     def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
-        """Turn rows into valid poses: rotations between -180° and 180°, unit vectors, and Fig from the
-        previous point.
+        """Turn rows into valid poses: wrap rotations to ±180°, normalise the unit vectors, and copy Fig from
+        the previous point.
         """
         fig = FIG_COLUMN.get(self._kind, rows.shape[1])
         if fig < rows.shape[1]:

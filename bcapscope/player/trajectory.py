@@ -1,4 +1,4 @@
-"""Trajectories: set points with their axes in the order of slvMove, their source, intervals and gaps."""
+"""Trajectories: set points with the axes in slvMove's order, time intervals, gaps and the source file."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ CYCLES = (PERIOD_MS / 1000, 0.001)
 """Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01
-"""Intervals count as even if they all differ from the usual interval by at most this share."""
+"""Set points have even intervals if each interval differs from the usual interval by at most 1 %."""
 
 MAX_PARTS = 64
 """Maximum number of trajectories into which the reader splits records with gaps."""
@@ -173,8 +173,8 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 def timing_from_send_times(times: Array) -> SetPointTiming:
     """Compute the timing from the times, in seconds, at which set points were sent.
 
-    If the usual interval is close to a cycle time, each set point counts as one cycle, because a controller
-    takes one set point per cycle.
+    A controller takes one set point per cycle. If the usual interval is close to a cycle time, the function
+    returns this cycle time as the period, without times.
     """
     steps = np.diff(times)
     if not len(steps):
@@ -197,8 +197,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use the counter column of a log to find runs of records without gaps. Return these runs of records, and
-    the usual increase of the counter from one record to the next.
+    """Split a log at the gaps in its counter column. Return the runs of records between the gaps, and the
+    counter's usual increase from one record to the next.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
     too unevenly, return one run with all records, and None as the increase.

@@ -54,8 +54,8 @@ def read_documents(
 ) -> tuple[Trajectory, ...]:
     """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
 
-    A JSON file is one document. An option applies to a ROS message only if the message does not state the
-    same fact.
+    A JSON file is one document. ROS messages use only one of the `options`: the pose type, which must be J or
+    None.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -221,9 +221,8 @@ def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Arr
 def read_yaml(data: bytes) -> Iterator[object]:
     """Yield the documents of a YAML stream as lists, dictionaries and text, or raise TrajectoryError.
 
-    All values stay text, even numbers. PyYAML's own loaders would first build a node for each value. With
-    these nodes, a trajectory of 140,000 values took 71 MB more memory and four times as long to read (PyYAML
-    6, libyaml).
+    All values stay text, even numbers. PyYAML's own loaders would first build a node for each value. PyYAML's
+    nodes took 71 MB of memory for 140,000 values, and made reading four times as slow (PyYAML 6, libyaml).
     """
     events = yaml_events(data)
     try:
@@ -237,7 +236,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
 def _build_document(events: Iterator[yaml.Event]) -> object:
     """Build one document from the parser's events, without recursion."""
     roots: list[object] = []
-    # lists and dictionaries that have not ended yet, each with the key of its next value, if known
+    # Each pair is an unfinished list or dictionary and, in a dictionary, the key that still needs a value.
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]
     anchors: dict[str, object] = {}
     values = 0

@@ -148,7 +148,7 @@ def _read_whole(stream: BinaryIO, size: int) -> bytes:
 
 
 def _parse_json(data: bytes) -> list[object]:
-    # in JSON and YAML, each value follows one of these characters
+    # In a JSON list or object, each value has its own `,`, `[` or `{` before it.
     if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise TrajectoryError(TOO_MANY_VALUES)
     try:
@@ -190,8 +190,8 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function skips tables without titles, because their meaning is unknown. The function also skips
-    captures, because WINCAPS III exports no captures.
+    The function skips tables without titles, because their meaning is unknown. WINCAPS III exports no
+    captures, so the function also skips captures in the folder.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []
@@ -226,7 +226,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
-    """Add the file name to the source of each trajectory; skip trajectories without column names."""
+    """Add the file name to `Trajectory.source`; skip trajectories without column names."""
     for trajectory in trajectories:
         source = trajectory.source
         part = Message.from_table("text", name)

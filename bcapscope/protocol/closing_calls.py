@@ -13,7 +13,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""For each class of objects, the function that releases an object. For the service, this is Service_Stop."""
+"""For each class of objects, the function that releases an object. Service_Stop releases the service."""
 
 ClosingCall = tuple[int, tuple[Variant, ...]]
 

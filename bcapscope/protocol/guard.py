@@ -69,8 +69,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a read-only proxy forwards a request.
 
-    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect. A
-    client could not read anything without the handles that these requests return.
+    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect. To
+    read data, a client needs the handles that Controller_Connect and similar requests return.
     """
     return (
         always_passes(function_id, arguments) or request_effect(function_id, arguments) <= CallEffect.SESSION

@@ -68,7 +68,7 @@ def shell_command(
     names = _name_options(subject) if skipped else []
     words = ["bcapscope", "call", target.host, *_target_options(target), *names, function.name]
     values = [text for text in texts if text is not None]
-    if any(text.startswith("-") for text in values):  # it would look like an option
+    if any(text.startswith("-") for text in values):  # click can read a value such as -e as an option
         words.append("--")
     line = shlex.join([*words, *values])
     return line if line == printable(line) else None

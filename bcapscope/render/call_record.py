@@ -38,8 +38,9 @@ _OWN_MEMBERS = {
     "latency_ms": JSON_PLACE,
     "rtt_ms": JSON_PLACE,
 }
-"""JSON members that differ from call to call. The template contains all other members. Two calls have the
-same template if they are of one kind, and each has one request and one reply.
+"""JSON members that differ from call to call. A template is the JSON text of a call, with placeholders for
+the members in `_OWN_MEMBERS`. Two calls have the same template if they are of one kind, and each has one
+request and one reply.
 """
 
 
@@ -48,8 +49,8 @@ class CallRecordRenderer:
         self._templates: dict[_TemplateKey, bytes] = {}
 
     def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
-        """Return a call as one JSON object, without a line end. The member `object` is the label of
-        `subject`, the object of the call's handle.
+        """Return a call as one JSON object, without a line end. `subject` is the object that the call's
+        handle refers to. The JSON member `object` is the label of `subject`.
 
         `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
         `rtt_ms` is the time from the answered attempt to the accepted reply. All lists except `serials` and
@@ -83,8 +84,8 @@ class CallPackets:
     """
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """`origin_of` returns the capture of a packet, given the number of the packet among all packets that
-        were read. `only_path` is the path of the capture if only one capture is read; None otherwise.
+        """`origin_of` takes a packet's number, counted over all captures, and returns the capture of the
+        packet. `only_path` is the path of the capture if only one capture is read; None otherwise.
         """
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")
@@ -145,7 +146,7 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
 
 def _place_object(seen: JoinedObservation) -> dict[str, object]:
     near, far = (
-        # the number is 0 for a frame on the controller's leg that a running proxy does not show
+        # a running proxy does not show some frames on the controller's leg, and gives them the number 0
         None if each is None else each.number or None
         for each in (seen.at_client, seen.at_controller)
     )

@@ -65,7 +65,9 @@ _writer = csv.writer(_ReturningFile(), lineterminator="")
 
 
 def csv_row(cells: Iterable[object]) -> str:
-    """Return cells as a row of CSV without a line end. Call `csv_cell` for text from the wire first."""
+    """Return cells as a row of CSV without a line end. A cell with text from the wire must be a result of
+    `csv_cell`.
+    """
     # `csv.writer.writerow` returns the result of its file's `write` method.
     return str(_writer.writerow(cells))
 
@@ -104,8 +106,8 @@ class CsvTableRenderer:
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
         """Return the arguments as JSON, copied from the JSON object of the frame.
 
-        The function searches for the name of the JSON member. The search cannot match inside a JSON string,
-        because quotation marks inside strings are escaped. The result begins with a bracket, so a spreadsheet
+        The method searches for ``"args":`` in the JSON text. Text from the wire cannot contain ``"args":``,
+        because JSON escapes quotation marks in strings. The result begins with a bracket, so a spreadsheet
         does not evaluate it.
         """
         record = self._records.record(observation, call_kind)

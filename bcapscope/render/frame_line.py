@@ -160,7 +160,7 @@ def _addresses(flow: Flow) -> str:
 LONGEST_STRING = 120
 """Maximum number of characters of a string that a line shows.
 
-A line shows half as many bytes of a UI1 array.
+For a UI1 array, a line shows at most `LONGEST_STRING // 2` bytes.
 """
 
 MAX_ELEMENTS = 32

@@ -30,7 +30,7 @@ MAX_ELEMENTS = 32
 
 class FieldRowKind(Enum):
     FIELD = "field"
-    """A field that consists of other fields. The rows of these fields follow."""
+    """A field that consists of other fields; the rows of the inner fields follow this row."""
     LEAF = "leaf"
     """A field that contains bytes and no other fields."""
     PROBLEM = "problem"
@@ -42,8 +42,8 @@ class FieldRowKind(Enum):
 class FieldRow(NamedTuple):
     """A row of the tree.
 
-    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. If the field is
-    an HRESULT, `failed` says whether it means failure. For other fields, `failed` is None.
+    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. `failed` says
+    whether an HRESULT means failure; `failed` is None if the field is not an HRESULT.
     """
 
     kind: FieldRowKind
@@ -68,7 +68,7 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
     """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
     item = observation.item
     if isinstance(item, Malformed):
-        # Malformed bytes have no fields. A gap in a stream does not even have bytes. Show only the problem.
+        # Malformed bytes have no fields, and a gap in a stream has no bytes: show only the problem.
         size = len(item.raw)
         name, value = ("bytes", item.raw) if size else ("no bytes", None)
         return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)
@@ -212,7 +212,9 @@ class FrameTreeRenderer:
                 yield from hexdump(section.body, highlights, color)
 
     def _row_lines(self, row: FieldRow, body: bytes) -> Iterator[str]:
-        """Yield the line of a row. With `full`, further lines show the remaining bytes of a long field."""
+        """Yield a row of the tree as one line of text. With `full`, further lines show the remaining bytes of
+        a long field.
+        """
         color, indent, digits = self.palette, _INDENT * row.depth, len(str(len(body)))
         offsets_width = 2 * digits + 2
         margin = " " * (offsets_width + _HEX_WIDTH + 3) + indent

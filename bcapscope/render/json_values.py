@@ -67,8 +67,8 @@ def conversation_object(conversation: Conversation) -> dict[str, object]:
 def packet_objects(
     frames: Iterable[int], origin_of: Callable[[int], PacketOrigin | None]
 ) -> list[dict[str, object]]:
-    """Return the JSON member `packets`: for each frame, its capture and its packet. Leave out a frame if
-    these are unknown. `origin_of` takes the number of a frame, and returns its capture and packet.
+    """Return the JSON member `packets`: for each frame, its capture and its packet. Omit a frame whose
+    capture is unknown. `origin_of` takes the number of a frame, and returns its capture and packet.
     """
     return [
         {"frame": frame, "file": text_fragment(origin.path), "packet": origin.packet}

@@ -202,8 +202,8 @@ def run_figure_lines(
 ) -> Iterator[str]:
     """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
-    `slack` holds the buffer's number of slots, the time in ms that a full buffer lasts, and the time in ms
-    that was left at the longest pause. `slack` is None if the buffer cannot run empty.
+    `slack` holds three values: number of buffer slots, duration of a full buffer (ms), and duration left
+    after the longest pause (ms). `slack` is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:

@@ -58,7 +58,7 @@ CALL_COLUMNS = (
 
 
 class ColumnFormat(StrEnum):
-    """Format of the output: CSV or JSON. There is no member for lines of text."""
+    """Format of the output: CSV or JSON. For lines of text, functions use None instead of `ColumnFormat`."""
 
     CSV = "csv"
     JSON = "json"

@@ -133,7 +133,8 @@ class HistogramBars(NamedTuple):
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Combine fine bins into bars of equal width. Each bin belongs to the bar that contains the bin's middle.
+    """Combine narrow bins into wider bars of equal width. The middle of a bin decides which bar gets the
+    bin's count.
 
     If the values span a large range, the bars are equally wide on a logarithmic axis.
 

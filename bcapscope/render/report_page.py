@@ -38,8 +38,8 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
 
 MAX_DRAWN = 6
-"""Maximum number of slave-mode sessions with pictures. If there are more sessions, the page draws those with
-the worst problems. Of equally bad sessions, it draws the longest.
+"""Maximum number of slave-mode sessions with pictures. If there are more sessions, the page draws the
+sessions with the worst problems. If two sessions are equally bad, the page prefers the longer session.
 """
 
 MAX_ROWS = 40
@@ -216,8 +216,8 @@ def _moment(time: int) -> str:
 
 
 def _script_text(code: str) -> str:
-    """Change JavaScript so that it cannot end its script element. The function replaces some character
-    sequences. This is safe, because these sequences occur only in JavaScript strings.
+    """Escape ``</script`` and ``<!--`` in JavaScript, so that the browser does not end the script element
+    early. In the code, ``</script`` and ``<!--`` occur only in strings, where the escapes change nothing.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

@@ -16,8 +16,9 @@ from bcapscope.render.color_palette import PLAIN, Palette
 
 
 def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the name of a result code in the colour of success or failure. For a failure, add the
-    meaning."""
+    """Return the name of a result code in the colour of success or failure. The text for a failure also
+    contains the meaning of the code.
+    """
     name = hresult_name(code)
     if is_failure(code):
         return f"{palette.bad}{name} ({words.text(describe_hresult(code).meaning)}){palette.reset}"

@@ -55,12 +55,12 @@ class CaptionWriter:
         return f"  {self.palette.dim}{name}{space}{self.palette.reset}{self.text(text)}".rstrip()
 
     def continued(self, text: Message | str) -> str:
-        """Return a line without a caption, for more text that belongs to the caption above."""
+        """Return a line without a caption, which continues the text of the captioned line above it."""
         return f"  {'':<{CAPTION_WIDTH}}{self.text(text)}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
-        """Yield more text for the caption above. Each line has the colour `color` and at most `TEXT_WIDTH`
-        columns.
+        """Yield a long text as lines without a caption. Each line has the colour `color` and at most
+        `TEXT_WIDTH` columns.
         """
         reset = self.palette.reset if color else ""
         return (self.continued(f"{color}{line}{reset}") for line in wrap_text(self.text(text), TEXT_WIDTH))

@@ -36,8 +36,9 @@ from bcapscope.traffic.observation import Conversation
 _PLACE_COLUMNS = ("frames", "lost", "p50", "p90", "p99", "max", "error")
 
 MAX_ROWS = 40
-"""Maximum number of rows of a text table. The table shows the rows with the most line time; JSON output
-contains all rows."""
+"""Maximum number of rows of a text table. The table shows the rows with the largest line times. JSON output
+contains all rows.
+"""
 
 _LONGEST_NAME = 40
 _COLUMNS = (
@@ -128,7 +129,9 @@ def _with_header(
     palette: Palette,
     words: MessageFormatter,
 ) -> Iterator[str]:
-    """Yield the lines of a table. `columns` are ids of the headings of all columns except the first."""
+    """Yield the lines of a table. `caption` is the heading of the first column. Each name in `columns`
+    selects the heading of one further column.
+    """
     head = (caption, *(words(f"stats.column.{name}") for name in columns))
     first, *others = align_columns([head, *rows], "<" + ">" * len(columns))
     yield f"{palette.dim}{first}{palette.reset}"
@@ -253,8 +256,8 @@ def statistics_header() -> str:
 
 
 def statistics_rows(statistics: Statistics) -> Iterator[str]:
-    """Yield the CSV rows for a period. The first row has the total. The others are one row per client, and
-    one row for each command of a client.
+    """Yield the CSV rows for a period: a total row, then one row per client, then one row per command of each
+    client.
     """
     period = epoch_text(statistics.start), epoch_text(statistics.end)
     yield csv_row((*period, "total", *_csv_cells(statistics.total)))

@@ -122,7 +122,7 @@ def edges_around(period: float) -> tuple[float, ...]:
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
     """Yield one line per interval between two edges, from the first to the last interval that has values.
 
-    All values of a bin belong to the interval that contains the middle of the bin. An interval with at least
+    The histogram counts a whole bin in the interval that contains the bin's middle. An interval with at least
     one value always has a bar, so that rare values are visible.
     """
     counts = [0] * (len(edges) + 1)

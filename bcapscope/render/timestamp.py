@@ -13,7 +13,7 @@ class TimeFormat(StrEnum):
     RELATIVE = "relative"
     """Seconds since the first frame."""
     DELTA = "delta"
-    """Seconds since the previous line. The first line shows seconds since the first frame."""
+    """Seconds since the previous line. The first line of the output shows seconds since the first frame."""
     UTC = "utc"
     """Date and time of day, UTC."""
     EPOCH = "epoch"

@@ -10,9 +10,9 @@ sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
     decimals.
 ``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
 ``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
-    The commanded pose, with as many axes as the client sent. The part after the underscore is the unit. For a
-    linear axis in a J-type pose, the value is in mm although the column's name says degrees: a capture does
-    not show which axes are linear.
+    The commanded pose, with as many axes as the client sent. In a column name such as ``X_mm``, the part
+    after the underscore is the unit. For a linear axis in a J-type pose, the value is in mm although the
+    column's name says degrees: a capture does not show which axes are linear.
 ``returned_J1_deg`` … and so on
     The pose in the accepted reply; empty if the reply has no pose.
 ``reply_s``
@@ -30,9 +30,9 @@ sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
 A program that reads the file needs only ``time_s`` and the commanded pose. Programs that read the file should
 find columns by name.
 
-The JSON is one object. The object begins with details of the slave-mode session. `columns` has the names
-above. `rows` has an array of values for each set point. `null` means that a value is missing. NaN and
-infinities are strings. `points` is the number of set points.
+The JSON file contains one JSON object, which begins with details of the slave-mode session. The member
+`columns` has the column names of the CSV. `rows` has an array of values for each set point. `null` means that
+a value is missing. NaN and infinities are strings. `points` is the number of set points.
 """
 
 from __future__ import annotations

@@ -23,14 +23,14 @@ MAX_ELEMENTS = 512
 LONGEST_REPLY_STRING = 4000
 """The text of a reply's value shows at most this many characters of a string."""
 
-_DECIMALS = 5  # as in DENSO's b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)
+_DECIMALS = 5  # b-CAP Tester shows 5 decimals (DENSO Wave 2009, How to use the Slave mode)
 _EMPTY = "(EMPTY)"
 
 
 def value_text(
     value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return a scalar value as text. Return "" for a missing value, bytes or an array.
+    """Return a scalar value as text. Return "" for bytes, for an array and for None.
 
     A string is cut after `longest` characters.
     """
@@ -94,11 +94,11 @@ def _reply_scalar(vt: int, value: Value, full: bool) -> str:
 
 
 def untyped_text(variant: Variant) -> str | None:
-    """Return a value in the notation without its type. To parse the result, a program must know the type.
+    """Return a value as text without its type, such as ``10,20,30``. To parse the result, a program must know
+    the type.
 
-    The result is None if the notation cannot express the value. The notation cannot express a VARIANT array
-    inside a VARIANT array, an array of strings if a string contains a separator, or a type that b-CAP does
-    not have.
+    The result is None if the notation cannot express the value. The notation cannot express nested VARIANT
+    arrays, arrays with separators inside strings, or types that b-CAP does not have.
     """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None

@@ -54,7 +54,7 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a lookup with the same index, which begins at the first recorded call."""
+        """Return a copy of this lookup that begins at the first recorded call and shares the index."""
         lookup = copy(self)
         lookup._next = {}
         return lookup
@@ -97,9 +97,7 @@ class _ReplayClient(HostedClient):
         delays: bool,
         report: Callable[[CallReport, bool], None],
     ) -> None:
-        """The replay passes each answered call to `report`. A second argument says whether the reply comes
-        from the recording.
-        """
+        """After each answered call, `report` gets the call and whether its reply comes from the recording."""
         super().__init__(udp, reply_reserved)
         self._number = number
         self._delays = delays
@@ -174,8 +172,8 @@ class RecordedController(ClientHost):
     the recording.
 
     If the recording has no usable reply to a call, the replay answers E_NOTIMPL. `unknown_calls` is the
-    number of such calls. The clock of the replay only measures the recorded delays. Therefore, the clock may
-    stop while the process is suspended.
+    number of calls without a usable reply. The replay uses its clock only to reproduce recorded delays. The
+    replay's clock may therefore stop while the process is suspended.
     """
 
     evictable_after = IDLE_CLIENT_NS

@@ -143,7 +143,8 @@ class ScriptPlayer:
         owner = function.owner
         new = self._handles.get((owner, old))
         if new is None and call.hresult is not None and is_failure(call.hresult):
-            # keep the recorded handle: it was perhaps invalid, since the recorded controller refused the call
+            # The recorded controller refused this call, perhaps because of an invalid handle. Send the
+            # recorded handle again.
             return call.arguments
         if new is None and function.releases is not None:
             return None

@@ -68,7 +68,7 @@ def _signed(number: int, bits: int) -> int:
 
 
 def number_of(variant: Variant) -> float | int:
-    """Read a number, a decimal text or the first number of an array. Refuse the call for any other value."""
+    """Read a number, a decimal text or the first number of an array; refuse a call without a number."""
     found = _plain(variant.value)
     if isinstance(found, tuple | bytes) and found:
         found = _plain(found[0])
@@ -121,8 +121,8 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
 class Arguments(tuple[Variant, ...]):
     """Arguments of a function, or the elements of a command's parameter.
 
-    The methods read the argument at an index. If the argument is missing and has no default, they refuse the
-    call.
+    Each method reads the argument at an index. If the argument is missing and has no default, the method
+    refuses the call.
     """
 
     __slots__ = ()
@@ -141,7 +141,7 @@ class Arguments(tuple[Variant, ...]):
         return integer_of(self.at(index))
 
     def integer_within(self, index: int, allowed: range, refusal: int) -> int:
-        """Read an integer. If it is not in `allowed`, refuse the call with the code `refusal`."""
+        """Read an integer. If the integer is not in `allowed`, refuse the call with the code `refusal`."""
         return number_within(self.at(index), allowed, refusal)
 
     def text(self, index: int, default: str | None = None) -> str:

@@ -69,7 +69,7 @@ class Arm:
 
     @property
     def goal(self) -> Joints:
-        """Joints at the end of the running motion. If no motion is running, these are the current joints."""
+        """Joint positions at the end of the running motion; current joint positions without a motion."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property
@@ -79,7 +79,7 @@ class Arm:
 
     @property
     def at_rest_from(self) -> int:
-        """Time in ns from which the encoders stand still unless a new motion begins."""
+        """Time in ns at which the encoders come to rest if no new motion begins."""
         return (self._changed if self._steps else max(self._changed, self._motion.ends)) + ENCODER_LAG_NS
 
     def is_at_rest(self, now: int) -> bool:
@@ -147,7 +147,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
 
 
 class TimedMove:
-    """An ordinary motion for which calls wait. The next motion may begin at `done_at`, in ns.
+    """An ordinary motion that a client can hold and resume. The next motion may begin at `done_at`, in ns.
 
     The simulator assumes that Hold stops the motion immediately, and that Unhold continues the motion from
     rest.
@@ -170,7 +170,7 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Stop the motion, unless it has ended, so that a client can resume it."""
+        """Stop the motion; `resume` continues the motion. If the motion has ended, do nothing."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)

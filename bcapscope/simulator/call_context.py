@@ -52,7 +52,7 @@ class CallContext:
 
 
 CallHandler: TypeAlias = Callable[[CallContext], HandlerOutcome]
-"""Python function that executes a b-CAP function, or a command with `CallContext.parameter`."""
+"""Python function that executes a b-CAP function or a command, with its arguments in a `CallContext`."""
 
 CommandTable: TypeAlias = Mapping[str, CallHandler]
 """Handlers of commands, by command name in lower case."""

@@ -56,8 +56,8 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
     )
 )
 """Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). The simulator assumes that the client in slave mode may not call
-these commands itself. The hand cannot move while slave mode moves the arm (issue 13 of
+others/bcapslavemove_handmove_COBOTTA.py). The simulator assumes that a controller refuses these hand commands
+from the client in slave mode. The hand cannot move while slave mode moves the arm (issue 13 of
 DENSORobot/denso_robot_ros).
 """
 
@@ -142,7 +142,7 @@ class ClientSession:
         provider.
 
         While any client has a controller object open, the name of this object is in use. If a client crashes,
-        its names stay in use until the controller removes the client.
+        the names of its controller objects stay in use until the controller removes the client.
         """
         name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers
@@ -164,8 +164,9 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
 def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], is_other: bool) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    If no source mentions a call, slave mode accepts the call only if the call reads data. Slave mode accepts
-    unknown commands, and the controller refuses them when they run.
+    If no document mentions a call, the simulator assumes that slave mode accepts only calls that read data.
+    The function returns True for unknown commands, because the handler of the ..._Execute function refuses
+    unknown commands.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:
@@ -188,7 +189,7 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
     )
     for function_id in (17, 28, 64, 87)
 }
-"""Commands refused in slave mode, in lower case, by the id of their ..._Execute function."""
+"""Names in lower case of the commands that slave mode refuses; keys are ids of the ..._Execute functions."""
 
 
 def parse_options(text: str) -> dict[str, str]:

@@ -24,8 +24,8 @@ SECOND = 1_000_000_000
 class HandLimits(NamedTuple):
     """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
-    `speed` is the speed of the fingers at 100 %. `grip_speed` is the speed of a grip without speed parameter.
-    `slowest` is the lowest speed in percent.
+    `speed` is the speed of the fingers at 100 %. `grip_speed` is the speed of the fingers in HandMoveH, which
+    has no parameter for speed. `slowest` is the lowest speed in percent.
     """
 
     narrowest: float
@@ -97,8 +97,8 @@ class Hand:
 
     Attributes:
         motion_count: Number of motions and stops so far.
-        stopped_by: When a stop ends a motion, the call of this motion returns a result code. `stopped_by` is
-            this code for the last stop.
+        stopped_by: Result code that the latest stop gave to the call of the stopped motion; 0 before the
+            first stop.
         ends: Time in ns at which the last motion ended or will end.
     """
 

@@ -7,10 +7,10 @@ result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Co
 touch an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand
 needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
-A call that moves a hand lasts as long as the motion. The samples send the next command immediately, and a
-moving hand would refuse this command. No force acts on the simulated robot. The simulator has one arm.
-SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not change motions; the simulator only
-checks their order.
+The samples send the next command immediately after the reply, and a moving hand would refuse this command. A
+call that moves a hand therefore lasts as long as the motion. No force acts on the simulated robot. The
+simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not change
+motions; the simulator only checks their order.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ BRACKET_IS_OPEN = {"time": 0x83500189, "move": 0x83500190}
 BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
 
 _STORED_SPEED, _STORED_FORCE = 0.5, 10.0
-"""Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
+"""Assumed settings in the controller: hand speed as a share of top speed, and COBOTTA's grip force in N."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
 
 _EXTERNAL_GRIP = 1
-"""Mode of the 2FG hand for grips from outside."""
+"""Number of the 2FG hand's mode in which the fingers grip an object from the outside."""
 
 _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
@@ -138,10 +138,11 @@ def _start_with_stored_data(
 def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
-    """Begin a motion, unless the state forbids a motion, the hand already moves, or COBOTTA's motor is off.
+    """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
+    already moving. COBOTTA's hand also needs the motor.
 
-    If the call `waits`, it lasts as long as the motion. If the call waits and the 2FG hand grips nothing, the
-    call fails.
+    If `waits` is True, the call lasts until the motion ends. With `waits`, a grip of the 2FG hand fails if
+    the hand grips nothing.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:
@@ -187,7 +188,9 @@ def _force(hand: Hand, force: float) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT ends the call before the motion. The option DetectOn has no effect."""
+    """Return whether the options contain NEXT: the call returns before the motion ends. DetectOn has no
+    effect.
+    """
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
@@ -196,7 +199,7 @@ def _width(context: CallContext) -> Variant:
 
 
 def _of_gripper(read: Callable[[Hand, int], Variant]) -> CallHandler:
-    """Return a handler that reads a value of the 2FG hand. `read` gets the hand and the time in ns."""
+    """Return a handler that calls `read` with the 2FG hand and the current time in ns."""
     return lambda context: read(context.machine.equipment.gripper, context.now)
 
 
@@ -326,14 +329,14 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "clearmechabuttonstate": _checked(_check_button, i4(0)),
     "curscene": lambda context: i4(0),
     "cursubscene": lambda context: i4(0),
-    # Scene, sub-scene and an empty name.
+    # The result holds the scene, the sub-scene and an empty name.
     "sceneinfo": _checked(_check_scene, variant_array(i4(0), i4(0), bstr(""))),
     "setareaenabled": _switch_area,
     "getareaenabled": lambda context: boolean(_area(context) in context.machine.equipment.areas),
 }
 
 LINE_COMMANDS: CommandTable = {
-    # Every line number exists, and no line has a device at its other end.
+    # All communication lines exist, but no device is connected to them.
     "open": lambda context: context.machine.equipment.lines.add(_line(context)),
     "close": lambda context: context.machine.equipment.lines.discard(_line(context)),
     "state": lambda context: i4(_LINE_IS_OPEN if _line(context) in context.machine.equipment.lines else 0),

@@ -2,16 +2,16 @@
 
 Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_python_samples,
 DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error).
-If only a real controller program can fill a field of an error, the field is 0.
+Fields of an error that only a program on a real controller can fill are 0.
 
 The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
 to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider
 also answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
 
-Only one source shows which functions are missing, and only for the robot. It is a wrapper of the RC8 provider
-(VE026A_JNI.java by Suzuki, 2015) without methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless
-has Drive, because clients need this function. The simulator lacks Rotate, because no source describes the
-planes of Rotate.
+Only one known document shows which functions a robot object of a real controller lacks: VE026A_JNI.java by
+Suzuki (2015). VE026A_JNI.java wraps the RC8 provider, and has no methods Chuck, Unchuck, GoHome and Drive.
+The simulator nevertheless has Drive, because clients need this function. The simulator lacks Rotate, because
+no document describes the planes of Rotate.
 """
 
 from __future__ import annotations
@@ -339,4 +339,4 @@ def _handler(function: Function) -> CallHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, CallHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Object class and handler by function id. The simulator refuses functions without a handler."""
+"""Object class and handler of each function id. The simulator refuses functions without a handler."""

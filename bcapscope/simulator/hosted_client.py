@@ -81,7 +81,7 @@ class HostedClient(ABC):
         return []
 
     def close(self) -> None:
-        """End the session of a client that is gone. Open requests of the client get no reply."""
+        """End the session of a client that is gone. The client gets no more replies to its requests."""
         self._waiting.clear()
         self._responder.reset()
 

@@ -134,7 +134,7 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""How many values a set point may contain. Fig may be missing, and one more value may follow."""
+"""How many values a set point of each pose type may contain: at most one more than the type has axes."""
 
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -185,8 +185,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles Rx, Ry, Rz of the rotation `first`·`second`.
 
-    If the second rotation is zero, return the angles of `pose` unchanged, so that set points do not jump by a
-    full turn.
+    If `other` contains no rotation, return the angles of `pose` unchanged. Set points would jump if the
+    computed angles differed by a full turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

@@ -66,7 +66,7 @@ MAX_PER_SENDER = 32
 """Maximum number of waiting datagrams of one sender: enough for a call's attempts and a few more calls."""
 
 MAX_BYTES = 2 << 20
-"""Maximum number of waiting bytes of all senders together; each datagram counts its size plus `_COST`."""
+"""Maximum total size of all waiting datagrams in bytes. The size of a datagram is its length plus `_COST`."""
 
 _COST = 512
 

@@ -1,8 +1,8 @@
 """The controller that all clients share: modes, motor, arm, tasks, errors, and how time changes them.
 
-Sources for the checked conditions and the codes of refusals: the public list of controller errors in
-nkawa/Denso_CobottaPro900_MQTT_Control and the issues of DENSORobot/denso_robot_ros. The order of the checks
-and all durations are assumptions. All times are in ns of the caller's clock.
+Two sources show when a controller refuses a call, and with which code: the public list of controller errors
+in nkawa/Denso_CobottaPro900_MQTT_Control, and the issues of DENSORobot/denso_robot_ros. The order of the
+checks and all durations are assumptions. All times are in ns of the caller's clock.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Owner number of the arm while the pendant or another network owns it. Client numbers start at 1."""
+"""Value of `Machine.owner` while the pendant or a client outside this network has the arm. Client numbers
+start at 1.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ class Speeds:
     deceleration: float = 100.0
 
     def set_percent(self, refusal: int, **values: float) -> None:
-        """Set percentages. Refuse the call with `refusal` unless all are above 0 and at most 100."""
+        """Set values in percent. Refuse the call with `refusal` if a value is 0, negative or above 100."""
         if not all(0 < value <= 100 for value in values.values()):
             raise RefusedError(refusal)
         for name, value in values.items():
@@ -157,9 +159,8 @@ class Machine:
         owner: Number of the client that has the arm; None if no client has it.
         open_objects: Objects that each client has opened, by client number.
         stop_count: How many times Robot_Halt, an error or the emergency stop has stopped motion.
-        stopped_by: When a stop ends a motion, the calls that wait for this motion return a result code.
-            `stopped_by` is this code for the last stop.
-        current_move: The last ordinary motion; None if that motion was stopped.
+        stopped_by: Result code that the latest stop gave to the calls that waited for the stopped motion.
+        current_move: The latest ordinary motion; None before the first motion and after a stop.
     """
 
     def __init__(self, profile: Profile, initial_state: InitialState | None = None, now: int = 0) -> None:
@@ -243,12 +244,12 @@ class Machine:
         self.check_arm(client)
 
     def check_arm(self, client: int) -> None:
-        """Refuse a call unless this client has the arm, or the controller has no TakeArm."""
+        """Refuse the call if motion needs TakeArm and this client does not have the arm."""
         if self.profile.needs_arm and self.owner != client:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """Refuse slave mode unless a motion could begin and, on RC7, RobSlave runs (DENSO Wave 2009)."""
+        """Run `check_motion`. On RC7, also refuse slave mode if RobSlave does not run (DENSO Wave 2009)."""
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)
@@ -293,12 +294,12 @@ class Machine:
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call with an error that is active until ClearError, as in `raise_error`.
 
-        The error is listed once, however often the client repeats the call. The list is short: if it had an
-        entry for each refusal, 32 refused set points would displace the error that ended slave mode.
+        The error list holds the error once, however often the client repeats the call. If each refusal added
+        an entry, 32 refused set points would displace the error that ended slave mode.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
-        simulator assumes the same for the errors of an RC7. The reason is that a result other than S_OK stops
-        RobSlave and slave mode (DENSO Wave 2009).
+        simulator assumes that an RC7 also lists its refusals as current errors. On RC7, a result other than
+        S_OK stops RobSlave and slave mode (DENSO Wave 2009).
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)
@@ -346,7 +347,7 @@ class Machine:
             self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time in ns of the next change that happens without a call; None if none is due."""
+        """Return the time in ns of the controller's next change without a call, or None."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

@@ -2,8 +2,8 @@
 
 Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
 the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
-when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004.
-The source is b-Cap.h of the ANSI-C client; this client then repeats its Robot_Move.
+when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004
+(b-Cap.h of the ANSI-C client). The ANSI-C client repeats Robot_Move after the result 80010004.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Move. Lines and circles are simulated as PTP motions. A free curve does not move the arm."""
+    """Run Robot_Move. The simulator moves lines and circles as PTP motions, and ignores free curves."""
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))
@@ -73,7 +73,7 @@ def _poses(pose: Variant) -> tuple[Variant, ...]:
 
 
 def drive(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Drive. The pass, such as @P or @E, is part of the option."""
+    """Run Robot_Drive. The option contains the pass motion, such as @P or @E."""
     arguments = context.arguments
     axis_move = arguments.integer(0), arguments.number(1)
     option = arguments.text(2, default="")
@@ -173,7 +173,9 @@ def _before_position(joints: Joints, distance: float) -> Joints:
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Read text such as `@P 10`, a number, or `[10, "", "@P"]`; return the distance in mm and the pass."""
+    """Read text such as `@P 10`, a number, or `[10, "", "@P"]`; return the distance in mm and the pass
+    motion.
+    """
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)
@@ -183,7 +185,7 @@ def _distance(part: Variant) -> tuple[float, int]:
 
 
 def _approach(context: CallContext) -> HandlerOutcome:
-    """Run Approach. Its parameters are interpolation, pose, distance and option."""
+    """Run Approach with the parameters interpolation, pose, distance and option."""
     items = context.items
     target = parse_target(items.at(1), context.machine.memory.read)
     distance, passing = _distance(items.at(2))
@@ -192,7 +194,7 @@ def _approach(context: CallContext) -> HandlerOutcome:
 
 
 def _depart(context: CallContext) -> HandlerOutcome:
-    """Run Depart. Its parameters are interpolation, distance and option."""
+    """Run Depart with the parameters interpolation, distance and option."""
     items = context.items
     distance, passing = _distance(items.at(1))
     goal = _before_position(context.machine.arm.goal, distance)
@@ -209,7 +211,7 @@ def _drive_many(context: CallContext, absolute: bool) -> HandlerOutcome:
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
-    """Read text such as `@E (1, 5), (2, -10)`; return the axes with their angles, and the pass."""
+    """Read text such as `@E (1, 5), (2, -10)`; return the axes with their angles, and the pass motion."""
     match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
     pairs = _PAIR.findall(match["pairs"]) if match else []
     if match is None or len(pairs) != match["pairs"].count("("):

@@ -1,9 +1,10 @@
-"""Reading poses as clients write them: as text, arrays, or arrays of both.
+"""Reads poses in each notation that clients use: text, an array of numbers, or an array of VARIANTs.
 
-Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
-and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). Instead of coordinates,
-clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as
-VT_I4, although their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
+Examples of text are `@E J(0, 0, 90, 0)` and `@P P1`. An array of VARIANTs contains the coordinates, the pose
+type, the pass motion and the extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2).
+Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's
+samples send the variable's number as VT_I4, although their README says VT_R4. ShoheiKobata's samples also
+write the pass motion before the pose type.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.kinematics import FEWEST_NUMBERS, Joints, joints_of
 
 END_OF_ENCODERS = -2
-"""Pass @E: the motion ends when the encoders reach the target."""
+"""Pass motion @E: the motion ends when the encoders reach the target."""
 
 PASSING = -1
-"""Pass @P: the next motion may begin before this motion ends."""
+"""Pass motion @P: the next motion may begin before the present motion ends."""
 
 LONGEST_POSE_TEXT = 512
 
@@ -38,7 +39,7 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Target of a motion: eight joints in degrees, and the pass: -1 for @P, -2 for @E, n for @n."""
+    """Target of a motion: eight joints in degrees, and the pass motion: -1 for @P, -2 for @E, n for @n."""
 
     joints: Joints
     passing: int
@@ -59,18 +60,19 @@ def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
 
 
 def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
-    """Read a pose in any notation, or refuse it; `read` returns the values of P, J and T variables."""
+    """Read a pose in any notation, or refuse the call. `read` returns the value of a P, J or T variable."""
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    # Two to four numbers are not a pose: they are the number, type and pass of a variable.
+    # An array of two to four values is no pose: the values are a variable's number, pose type and pass
+    # motion.
     if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)
 
 
 def parse_pass(part: Variant) -> int:
-    """Read a pass, given as text such as `@P`, `@E` or `@10`, or as a number; return 0 for an empty text."""
+    """Read a pass motion: text such as `@P`, `@E` or `@10`, or a number. Return 0 for an empty text."""
     if not isinstance(part.value, str):
         return argument_values.integer_of(part)
     match = re.fullmatch(r"\s*@([PE]|[0-9]{1,4})\s*|\s*", part.value[:LONGEST_POSE_TEXT], re.IGNORECASE)
@@ -80,7 +82,7 @@ def parse_pass(part: Variant) -> int:
 
 
 def parse_pass_text(text: str | None) -> int:
-    """Read the text after the `@` of a pass: `P`, `E` or a number; return 0 for None."""
+    """Read the text after the `@` of a pass motion: `P`, `E` or a number; return 0 for None."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
@@ -114,7 +116,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read the pose type and the pass; if the first part has an `@`, this part is the pass."""
+    """Read the pose type and the pass motion. A first part with an `@` is the pass motion."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None

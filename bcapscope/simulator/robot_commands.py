@@ -1,10 +1,10 @@
-"""Commands of Robot_Execute other than motions, slave mode and equipment, and the extension Pallet.
+"""Commands of the extension Pallet, and commands of Robot_Execute except motions, slave mode and equipment.
 
 Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
 nkawa/Denso_CobottaPro900_MQTT_Control (with DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and
-SetToolDef). If no source shows the results of a command, bcapscope infers them from the command's meaning, as
-`commands.tsv` does. The simulator stores and returns definitions of tools and works. These definitions do not
-change the position that the simulated arm reports.
+SetToolDef). If no document shows the results of a command, this module and `commands.tsv` infer the results
+from the command's meaning. The simulator stores and returns definitions of tool and work coordinates. Tool
+and work definitions do not change the position that the simulated arm reports.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def _joints(context: CallContext, pose_type: PoseType) -> Joints:
 
 
 def _out_range(context: CallContext) -> Variant:
-    """Run OutRange. It returns 0 if all axes are inside their limits, and -1 if the position is out of reach.
-    Otherwise the result has one bit for each axis beyond its limit.
+    """Run OutRange. The result is 0 if all axes are inside their limits, and -1 if the position is out of
+    reach. If an axis is beyond its limit, the result has the bit of the first such axis.
     """
     items = context.items
     pose = items[0] if items and not isinstance(items[0].value, int | float) else context.parameter
@@ -97,7 +97,7 @@ def _move(context: CallContext, move: Callable[[PoseNumbers, PoseNumbers], PoseN
 
 
 def _convert_work(context: CallContext) -> Variant:
-    """Run ConvertPosWork, which converts a pose from one work to another work."""
+    """Run ConvertPosWork, which converts a pose from one work coordinate system to another."""
     items, read = context.items, context.machine.memory.read
     pose = _parse_position(context, items.at(0))
     source, target = (numbers_of(read("WORK", items.integer(index))) for index in (1, 2))
@@ -166,8 +166,8 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext) -> None:
-    """Run TakeArm, unless another client has the arm. If the second number in the parameter is 1, speed, tool
-    and work keep their values.
+    """Run TakeArm, unless another client has the arm. If the second number in the parameter is 1, TakeArm
+    does not reset the speed, the tool and the work coordinates.
     """
     machine = context.machine
     keeps = context.items.integer(1, default=0) == 1
@@ -186,7 +186,7 @@ def _give_arm(context: CallContext) -> None:
 
 
 def motor(context: CallContext) -> RunningCall | None:
-    """Run Motor. The call lasts until the motor is on, unless the second number says not to wait."""
+    """Run Motor. If the parameter's second number is 0 or missing, the call lasts until the motor is on."""
     items = context.items
     done = context.machine.switch_motor(items.integer(0) != 0, context.now)
     waits = items.integer(1, default=0) == 0
@@ -215,7 +215,7 @@ def _ext_speed(context: CallContext) -> None:
 
 
 def _timed_pose(context: CallContext, pose_type: PoseType) -> Variant:
-    """Run CurPosEx or HighCurJntEx, which return the controller's time in ms before the pose."""
+    """Run CurPosEx or HighCurJntEx. The result begins with the controller's time in ms; the pose follows."""
     time = (context.now - context.machine.started_at) / MS
     return context.real_array((time, *pose_of(pose_type, context.joints)))
 

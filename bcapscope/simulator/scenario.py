@@ -76,16 +76,16 @@ class ClientProgram(StrEnum):
     CALLS = "calls"
     """The client connects, reads and writes a few variables, and disconnects."""
     MOTION = "motion"
-    """Like `CALLS`; the client also takes the arm, switches the motor on and moves the robot to and fro."""
+    """The client acts as in `CALLS`, takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """Like `MOTION`; the client also moves to a first position with the pass @E and sends set points in slave
+    """The client acts as in `MOTION`, moves to a first position with the pass motion @E, and enters slave
     mode. If the mode paces the client, each reply triggers the next set point. If the mode does not pace the
     client, the client sends a set point every 8 ms.
     """
     PASSING = "passing"
-    """Like `SLAVE`, but the motion before slave mode has the pass @P."""
+    """The client acts as in `SLAVE`, but the motion before slave mode has the pass motion @P."""
     GRIPPER = "gripper"
-    """Like `SLAVE`, while a second client sometimes writes an output."""
+    """The client acts as in `SLAVE`. A second client sometimes writes an output."""
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -47,8 +47,9 @@ class OperatingMode(StrEnum):
 class ScenarioEvent(Fault, frozen=True, kw_only=True):
     """Fields of all events.
 
-    If an event has a condition or an attempt number, it happens just before the controller gets a matching
-    request. It happens at most `times` times. Any other event happens automatically, once.
+    An event with a condition or an attempt number happens just before the controller gets a matching request.
+    `times` limits how often the event happens. An event without a condition and without an attempt number
+    happens automatically, once.
     """
 
     direction: Direction | None = Direction.REQUEST

@@ -1,4 +1,4 @@
-"""The YAML files of the bundled scenarios, for programs that do not play them."""
+"""YAML texts and titles of the bundled scenarios."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def bundled_scenarios() -> Mapping[str, str]:
 def bundled_titles() -> Mapping[str, str]:
     """Return the titles of the bundled scenarios by name.
 
-    Each title is in the first line of its file. A YAML parser takes too long for a program that lists titles.
+    Each title is in the first line of its file, so the function needs no slow YAML parser.
     """
     first_lines = {name: text.partition("\n")[0] for name, text in bundled_scenarios().items()}
     return {name: line.removeprefix(_TITLE) for name, line in first_lines.items()}

@@ -1,9 +1,9 @@
 """Playing a scenario: a simulator, with the scenario's faults between the simulator and its clients.
 
 Like the simulator, a `ScenarioRunner` does no I/O and has no clock. `SimulatorServer` serves a
-`ScenarioRunner` in the same way as a simulator. The faults affect a request after it has passed the socket,
-and a reply before it passes the socket. A capture made at the socket therefore shows the same as a capture at
-the controller's end of the cable.
+`ScenarioRunner` in the same way as a simulator. Faults affect a request after the socket has received the
+request, and a reply before the socket sends the reply. A capture made at the socket therefore shows the same
+as a capture at the controller's end of the cable.
 """
 
 from __future__ import annotations
@@ -254,7 +254,7 @@ class ScenarioRunner:
 
 
 def _endpoint(peer: Peer) -> Endpoint:
-    """Return the host and port of a client. `SimulatorServer` uses a client's address as its key `peer`."""
+    """Return the host and port of a client. With `SimulatorServer`, `peer` contains the client's address."""
     match peer:
         case (_, (str(host), int(port), *_)):
             return Endpoint(host, port)

@@ -38,11 +38,11 @@ LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
 
 Peer: TypeAlias = Hashable
-"""The caller of this module gives each client such a key, for example an address or a connection."""
+"""Key that identifies a client, such as an address. The caller of this module chooses the key."""
 
 
 class ResetMarker(bytes):
-    """Empty data that makes the server reset the TCP connection."""
+    """Empty value of `SimulatorOutput.data` that makes the server reset the TCP connection."""
 
 
 class SimulatorOutput(NamedTuple):
@@ -64,8 +64,8 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame, else None. The check is fast, because
-    datagrams may arrive in a flood.
+    """Return the frame if a datagram is exactly one valid frame, else None. The check must be fast, because a
+    flood of datagrams may arrive.
     """
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
@@ -97,7 +97,7 @@ class ClientHost:
         self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, HostedClient] = {}
-        # UDP clients beyond the limit that were accepted because they sent a stop, oldest first
+        # UDP clients that exceed the limit, oldest first; the first request of each client was a stop
         self._stops: dict[Peer, None] = {}
         self._number = 0
 
@@ -235,7 +235,8 @@ class Simulator(ClientHost):
         now: int = 0,
         report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
-        """Switch the controller on at `now`, in ns of the clock that all later times use.
+        """Switch the controller on at the time `now`. All times are in ns of one clock, which the caller
+        chooses.
 
         After each answered call, `report` is called with the client and the call.
         """

@@ -1,13 +1,13 @@
-"""The controller's time: the machine's time, stopped while this process gets no processor.
+"""The clock of the simulated controller. The clock stops while this process gets no processor.
 
-A real controller never waits for a processor. An event may become due, or a request may arrive, while this
-process gets no processor. The model's time then stands still until the process runs again. If the model's
-time continued, 8 ms would pass before the simulator sends the reply that asks the client for its next set
-point.
+A real controller never waits for a processor. If this process gets no processor when an event or a request
+comes, the model's time stops until the process runs again. Without the stop, a period of 8 ms could end
+before the simulator sends the reply that triggers the next set point.
 
-A frame that arrives during this delay is processed with its arrival time, which the operating system records.
-A set point that arrived in time therefore counts as in time, however late the simulator reads it. If a client
-does not wait for replies, it continues during this delay. In this case, the model's time continues.
+The operating system records when a frame arrives, and the model processes each frame with the recorded time.
+A set point that arrived in time therefore counts as in time, however late the simulator reads the set point.
+A client that sets the pace does not wait for replies. In modes where the client sets the pace, the model's
+time therefore never stops.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ A longer delay means that this process got no processor.
 
 
 class ClockedModel(Protocol):
-    """Interface of a model that a `SimulatorClock` serves, such as a `Simulator`."""
+    """Interface of a model that gets its time from a `SimulatorClock`, such as a `Simulator`."""
 
     @property
     def runs_in_real_time(self) -> bool: ...
@@ -33,8 +33,8 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock, in ns. `latest_time` is the time that the clock gave to the model most recently. The
-    model never gets an earlier time than that.
+    """The model's clock, in ns. `latest_time` is the latest time that the clock gave to the model. The clock
+    never gives the model a time before `latest_time`.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class SimulatorClock:
     def arrival_time(self, received_at: int) -> int:
         """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
-        If the request waited too long to be read, the model's time goes back to the request's arrival. While
-        a call runs, the time does not go back, because the request is most likely a retry of the running
-        call. Only the last pause is stored, because the simulator reads requests soon after they arrive.
+        If the simulator reads a request more than `STALL_NS` after the arrival, the model's time goes back to
+        the arrival. While a call runs, a request is most likely a retry, so the model's time does not go
+        back. The simulator reads a request soon after its arrival, so the clock stores only the last pause.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -100,7 +100,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If sending replies took too long, set the model's time back to the last update."""
+        """If sending replies took longer than `STALL_NS`, set the model's time back to the last `update`."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

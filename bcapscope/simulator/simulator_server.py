@@ -34,20 +34,20 @@ LARGEST_BACKLOG = 1 << 20
 """Maximum number of bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Longest wait for traffic in seconds. On every system, the server notices an interrupt after the wait."""
+"""Longest wait for traffic in seconds. On every system, the server notices Ctrl-C within `LONGEST_WAIT`."""
 
 # Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
-# processor takes longer than answering a call. If the server yielded the processor instead, another program
-# could run for a whole time slice.
+# processor takes longer than answering a call. If the server yielded the processor instead of polling,
+# another program could use the processor for a whole time slice.
 _SPIN_NS = 60_000
 
-_MAX_DATAGRAMS = 1024  # maximum number of datagrams to read before the second datagram is processed
+_MAX_DATAGRAMS = 1024  # maximum number of datagrams to read in a row
 _READ_SIZE = 256  # maximum number of bytes to read from one connection in a row
 _READ_SIZE_PACED = 16384  # `_READ_SIZE` in modes where each set point has its own arrival time
-# a match inside a frame is harmless, because the server delivers both halves of the frame
+# If the pattern matches inside a frame, the server delivers the frame in two pieces, which is harmless.
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")
 _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
-_SPARE_DESCRIPTORS = 3  # reserved for clients that send a stop when no other descriptor is free
+_SPARE_DESCRIPTORS = 3  # number of file descriptors reserved for clients that send a stop
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
 _SAME_MOMENT_NS = 2_000_000  # time in ns; set points that arrive within this time belong to one cycle
@@ -102,9 +102,9 @@ class SimulatorServer:
 
     The model's time is the time of a `SimulatorClock`. Each request keeps its arrival time, which Linux
     records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
-    set points can pile up. Then the server spreads the arrival times of the set points evenly, from the
-    arrival of the client's previous bytes to the arrival of the last byte. In modes where the client does not
-    set the pace, all requests that were read together have the same arrival time.
+    the server may read several set points together. The server spreads the arrival times of the set points
+    evenly over the time since the client's previous bytes arrived. In modes where the client does not set the
+    pace, all requests that were read together have the same arrival time.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -115,11 +115,12 @@ class SimulatorServer:
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
-        # connections beyond the limit that were accepted because of a stop, oldest first
+        # connections that exceed the limit, oldest first; the first request of each connection was a stop
         self._stops: list[_Connection] = []
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied_at = -_TIDY_INTERVAL_NS  # reserve no descriptors yet: the program needs some first
+        # the first `step` reserves the spare descriptors, after the program has opened its own descriptors
+        self._tidied_at = -_TIDY_INTERVAL_NS
         self._spin_until = 0
         self._may_be_more = True
         self._polled_empty_at = 0  # time of the latest poll that found no data
@@ -180,7 +181,8 @@ class SimulatorServer:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
         If a poll finds no bytes and the next poll finds some, these bytes arrived between the two polls. If
-        several datagrams arrived, a later poll finds the remaining datagrams.
+        several datagrams arrived between two polls, the server reads one datagram, and later polls find the
+        others.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -198,9 +200,8 @@ class SimulatorServer:
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
         """Return the descriptors that are ready, after `seconds` at the latest.
 
-        Stdin may be a regular file. A regular file is always ready, and `epoll` refuses such files. Modes
-        with a fixed cycle of 8 ms need a wait with microsecond precision. `select` has this precision, and
-        `poll` does not.
+        `epoll` cannot replace `select`, because stdin may be a regular file, which `epoll` refuses. `poll`
+        waits in ms, but modes with a fixed cycle of 8 ms need a wait in µs.
         """
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
@@ -222,7 +223,8 @@ class SimulatorServer:
         datagram immediately, and queue the remaining datagrams.
         """
         receive, turns = self._receive, self.datagram_queue
-        # A size of 0 means no arrival time: the server knows that the datagram arrived between two polls.
+        # A size of 0 asks for no arrival time. After a poll without data, the server uses the time of this
+        # poll.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
@@ -245,7 +247,7 @@ class SimulatorServer:
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """The server has just read bytes. Return the model's time at which these bytes arrived."""
+        """Return when the bytes that the server has just read arrived, in the model's time."""
         if not self._may_be_more:
             return self._polled_empty_at
         return self._clock.arrival_time(kernel_timestamp(control, 0))

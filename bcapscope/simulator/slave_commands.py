@@ -230,7 +230,7 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return one number per axis in place of its motor current: the lag of the encoders in degrees."""
+    """Return the lag of each axis's encoder in degrees, which replaces the motor current of the axis."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

@@ -83,7 +83,8 @@ class SlaveDrive:
         self._queue.clear()
 
     def push(self, joints: Joints) -> int:
-        """Put a set point into the buffer; return the value of `consumed` at which slvMove may answer.
+        """Put a set point into the buffer. Return how many set points must be `consumed` before slvMove may
+        answer.
 
         A full buffer refuses the set point in modes that do not make the client wait.
         """

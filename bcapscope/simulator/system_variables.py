@@ -83,8 +83,8 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
 
 
 def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
-    """Return the letter and the number of a numbered variable. If the name of the variable ends in `*`, the
-    number is the ID that the client stored.
+    """Return the letter and the number of a numbered variable. If the variable's name ends in `*`, the
+    variable's number is the ID that the client stored.
     """
     match = _NUMBERED.fullmatch(context.object.name.strip().upper())
     if match is None or _owner(context).kind is not ObjectClass.CONTROLLER:

@@ -17,7 +17,7 @@ VARIABLES_PER_LETTER = 100
 """Variables of each letter."""
 
 MAX_FRAMES = 64
-"""Number of tools, and number of works. Both kinds are counted from 0. The number is assumed."""
+"""There are 64 tool and 64 work coordinate systems, numbered from 0. The count 64 is an assumption."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
@@ -27,7 +27,7 @@ LONGEST_TEXT = 247
 
 LETTERS = ("I", "F", "D", "V", "P", "J", "T", "S")
 FRAMES = ("TOOL", "WORK")
-"""Definitions of tools and works: X, Y, Z [mm], Rx, Ry, Rz [deg]; undefined frames are all zeros."""
+"""Coordinate systems of tools and work: X, Y, Z [mm], Rx, Ry, Rz [deg]; all values are 0 if undefined."""
 
 _ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10, **dict.fromkeys(FRAMES, 6)}
 _SCALARS = {"I": VT.I4, "F": VT.R4, "D": VT.R8}
@@ -49,7 +49,7 @@ class VariableMemory:
         self.io = bytearray(IO_BYTES)
 
     def read(self, letter: str, index: int) -> Variant:
-        """Read a variable, or refuse an unknown one; an I/O variable has the index of its first bit."""
+        """Read a variable; refuse an unknown variable. For an I/O variable, `index` is the first bit."""
         if letter.startswith("IO"):
             return self._read_io(letter, index)
         check_index(letter, index)
@@ -70,7 +70,7 @@ class VariableMemory:
         else:
             number = _number(value, letter)
             value = Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
-        check_index(letter, index, is_write=True)  # for a frame, the value is checked before the index
+        check_index(letter, index, is_write=True)  # for tools and work, check the index after the value
         self._values[letter, index] = value
 
     def _zero(self, letter: str) -> Variant:

@@ -13,8 +13,8 @@ class AlikeSetPoints:
 
     A set point belongs to a run if the client sent it once, the controller answered with S_OK, and request
     and reply are undamaged. Successive requests in a run, and successive replies, differ only in the serial,
-    the reserved field and the numbers in the arguments. A run begins after an accepted set point. It ends
-    before the first call that does not belong to it.
+    the reserved field and the numbers in the arguments. A run of alike set points begins after an accepted
+    set point. The run ends before the first call that is no alike set point.
     """
 
     def __init__(self) -> None:

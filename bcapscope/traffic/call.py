@@ -90,10 +90,10 @@ class CallFrame(NamedTuple):
     observation: FrameObservation
 
 
-# The decorator only makes the slots. A generated `__init__` would be slower.
+# `Call` has its own `__init__`, because the `__init__` that `dataclass` generates would be slower.
 @dataclass(slots=True, init=False, repr=False, eq=False)
 class Call:
-    """A call, as far as it was captured. A call of `Capture.calls` is complete.
+    """A call, as far as it was captured. All calls that `Capture.calls` yields are complete.
 
     Attributes:
         conversation: Client, controller and transport.
@@ -111,10 +111,11 @@ class Call:
         gave_up_inferred: Whether `abandoned_at` is only inferred from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
             attempts surely belong to it.
-        may_go_on: Whether later attempts that are not in this call may belong to it. The client may have
-            received a reply to these later attempts.
-        may_continue_in: The client's next call, if it may consist of later attempts of this call; None for
-            a complete call.
+        may_go_on: Whether the call may have further attempts that were not captured, or that bcapscope counts
+            as another call. The client may have received the reply to an attempt that is missing from this
+            call.
+        may_continue_in: The client's next call, if the attempts of the next call may be retries of this call.
+            The value is None for a complete call.
         was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
         stray_replies: Replies and notices for attempts of this call that were not captured. These frames are
             also reported as stray replies, because they came before the capture showed that the attempts
@@ -124,13 +125,13 @@ class Call:
         no_reply_expected: True if no reply can follow, and the client has not yet begun its next call.
         state: State of the call; a complete call is unanswered, settled or evicted.
         crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
-            this client. bcapscope determines this time when the call settles.
+            this client. bcapscope determines this time when the call becomes complete.
         skipped_handles: Number of handles that the controller skipped before the handle in the accepted
-            reply. The number is also 0 if the controller skipped at least as many handles as the call has
-            attempts.
+            reply. A call with n attempts explains at most n - 1 skipped handles. If the controller skipped
+            more handles, `skipped_handles` is 0.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
-            settled.
+            became complete.
         memory_bytes: Size in bytes of the call's frames and their overhead, as counted by
             `ConversationPairing`.
     """
@@ -257,7 +258,7 @@ class Call:
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies with the role `LATE`. A client that compares serials discards these replies."""
+        """Replies with the role `LATE`. A client that compares serials discards late replies."""
         return self._frames_with_role(FrameRole.LATE)
 
     @property
@@ -398,9 +399,10 @@ class StrayReply:
     """A reply or notice that belongs to no open call of its conversation.
 
     Attributes:
-        call_number: Number of the settled call that had the same serial; None if no such call is remembered.
-        request_missed: Whether the serials show that the request was sent, but not captured. `request_missed`
-            becomes False if the client uses the reply's serial later.
+        call_number: Number of a complete call with an attempt that has the reply's serial; None if bcapscope
+            remembers no such call.
+        request_missed: Whether the serials show that the client sent a request that the capture lacks.
+            `request_missed` becomes False if the client uses the reply's serial later.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that
             may belong to an evicted call is reported neither as late nor as stray.
     """

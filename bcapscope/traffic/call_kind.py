@@ -13,8 +13,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes that `CallKinds` remembers. Beyond this limit, it forgets all prefixes.
-A session has a few dozen prefixes: one per pair of handle and command.
+"""Maximum number of request prefixes that `CallKinds` remembers. Beyond the limit, `CallKinds` forgets all
+prefixes. A session has a few dozen prefixes: one per pair of handle and command.
 """
 
 MAX_CONVERSATIONS = 256
@@ -76,9 +76,9 @@ class CallKinds:
         if request.code not in COMMAND_FUNCTIONS or request.reserved == 1 or len(raw) <= _BSTR_START:
             return call_kind_of(request)
         # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
-        # The prefix contains all bytes that determine the command, but no parameter.
-        # `_learn` keeps no prefix if the length needs more than one byte or the handle has another type.
-        # The prefix includes the byte after the command, because a frame without this byte is incomplete.
+        # The prefix contains all bytes that determine the command, but no parameter. `_learn` stores a prefix
+        # only if the handle is a VT_I4 and one byte holds the length of the command. The prefix includes the
+        # byte after the command, so a frame that was cut before this byte never matches.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)
 

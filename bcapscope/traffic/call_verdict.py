@@ -53,27 +53,27 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or value. A
     server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
-    DENSO Wave 2009 also shows two equal replies to a retried call. *Executed twice* is also the verdict if
-    the controller skipped handles before the accepted handle. It may have skipped at most one handle per
-    unanswered attempt. The controller then created objects whose handles the client never received.
+    DENSO Wave 2009 also shows two equal replies to a retried call. Handles that the controller skipped also
+    prove that the controller executed the call more than once. Skipped handles prove nothing if there are
+    more skipped handles than unanswered attempts.
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client
     discarded the reply. The client's timeout is too short, or the controller or the network was too slow.
     """
     REPLY_LOST = "reply lost"
-    """A reply was captured, but the client sent another attempt. The attempt came too late to have crossed
-    the reply on the network (see `capture_point`). The reply was lost between the capture point and the
-    client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
-    captured for an attempt, but no result of that attempt. *Reply lost* is also the verdict if a proxy
-    recorded a reply at the controller's side, but not at the client's side.
+    """A reply was captured, but the client sent another attempt. The next attempt came so long after the
+    reply that reply and attempt did not cross on the network (see `capture_point`). The reply was lost
+    between the capture point and the client, or the client was too busy to read the reply. The verdict is
+    also *reply lost* if the controller sent S_EXECUTING for an attempt and the capture lacks the attempt's
+    result. The verdict is also *reply lost* if a proxy recorded a reply only at the controller's side.
     """
     REQUEST_LOST = "request lost"
-    """S_EXECUTING was captured only for the answered attempt. The earlier attempts were lost, because
-    otherwise the controller would have executed or answered them. *Request lost* is also the verdict if an
-    attempt was captured at the client's side of a proxy but not at the controller's side. *Request lost* is
-    also the verdict if a capture at the controller has neither an attempt nor a reply to it. If a call lost
-    both requests and replies, its first loss determines the verdict.
+    """S_EXECUTING was captured only for the answered attempt. The controller neither executed nor answered
+    the attempts before the answered attempt, so these attempts were lost. The verdict is also *request lost*
+    if a proxy recorded an attempt only at the client's side. The verdict is also *request lost* if a capture
+    at the controller lacks both an attempt and its reply. If a call lost both requests and replies, the first
+    loss determines the verdict.
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
@@ -148,8 +148,8 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
     """Return whether an attempt evidently got lost on its way to a capture point at the controller.
 
-    A capture at the controller holds a reply to each attempt that reaches it, even if the capture lacks the
-    attempt itself. `received` holds the serials of the attempts with replies or notices.
+    A capture at the controller holds a reply to each attempt that reached the controller. The capture may
+    lack the attempt itself. `received` holds the serials of the attempts with replies or notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
@@ -170,7 +170,7 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether complete replies to the call differ in result or value.
+    """Return whether the undamaged replies to the call differ in result or value.
 
     E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
     call.
@@ -185,8 +185,8 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether each lost reply may have crossed the client's next attempt on the network. The capture
-    may lack this attempt.
+    """Return whether every reply in `replies` may have been on the network at the same time as the client's
+    next attempt. The capture may lack the next attempt.
     """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]

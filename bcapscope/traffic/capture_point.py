@@ -1,10 +1,10 @@
 """Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
-A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
-If reply and retry did not cross, the client never received the reply, so the reply was lost. A capture on the
-client's computer shows whether the reply was late or lost. In a capture from another computer, reply and
-retry may have crossed even if the reply was captured first. The time between reply and retry is then shorter
-than the round trip from the capture point to the client and back.
+A reply and a retry cross on the network if the client sends the retry before the client receives the reply. A
+reply that crosses a retry is late. A client that has received a reply sends no retry, so a reply that no
+retry crossed was lost. A capture on the client's computer shows whether the reply was late or lost. In a
+capture from another computer, reply and retry may have crossed even if the reply was captured first. A reply
+and a retry that crossed are captured within one round trip from the capture point to the client and back.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns between a reply and a retry that cross, if the capture was taken on the client's
-computer. The client may already be preparing the retry when the reply arrives.
+"""Maximum time in ns from a reply to a retry that the client was already preparing when the reply arrived.
+The value applies to captures on the client's computer.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed time in ns of a round trip to the client. Factory networks delay a frame by milliseconds."""
+"""Assumed time in ns of a round trip from the capture point to the client and back. Factory networks delay a
+frame by milliseconds.
+"""
 
-_REACTIONS = 3  # minimum number of reactions, because a single short reaction can be a coincidence
-_MARGIN = 2  # factor for the shortest round trips, because other round trips take longer
+_REACTIONS = 3  # minimum number of a client's reaction times; one short time can be a coincidence
+_MARGIN = 2  # a round trip may take this many times as long as the shortest round trips
 
 
 class CapturePoint(StrEnum):
@@ -44,16 +46,18 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The window is inferred from the client's reactions. A reaction lasts from a captured reply to the client's
-    next request. A reaction consists of the round trip from the capture point to the client and back, and of
-    the client's time to prepare the request.
+    `CrossingWindow` infers the maximum time from the client's reaction times. A reaction time is the time
+    between the captures of a reply and of the client's next request. The client needs a part of the reaction
+    time to prepare the request. The rest of the reaction time is the round trip from the capture point to the
+    client and back.
 
     Attributes:
-        considered_below_ns: Only reactions shorter than this time in ns can narrow the window.
+        considered_below_ns: Only reaction times of the client below this limit in ns can change
+            `nanoseconds`.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. For a capture at the client, the window is fixed."""
+        """Create a window. For a capture at the client, `nanoseconds` is always `CROSSING_AT_CLIENT_NS`."""
         self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
@@ -65,7 +69,7 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Learn from the time between the reply to a call and the client's next request. Retried calls are
+        """Add the reaction time from the reply to a call until the client's next request. Retried calls are
         ignored, because the client may have given up before the reply came.
         """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
@@ -80,7 +84,7 @@ class CrossingWindow:
             self.add_reaction(reaction)
 
     def ignore_reactions(self) -> None:
-        """Ignore all reactions, because this client begins calls without waiting for replies."""
+        """Ignore the client's reaction times, because the client does not wait for replies."""
         self.considered_below_ns = 0
         self._shortest.clear()
 

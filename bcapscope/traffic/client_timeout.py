@@ -12,22 +12,22 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client does not wait for replies if it
-begins a new call in less than this time after its previous request. A client that does not wait may still
-accept the reply to its previous request.
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a call less than this
+time after an unanswered request evidently does not wait for replies. A client that does not wait for replies
+may still accept the reply to its previous request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
 """A client that retried a call has given it up if no attempt follows for this number of timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum time in ns without an attempt after which the client may have given the call up. A busy client or
+"""Minimum silence in ns after which bcapscope assumes that the client gave up a call. A busy client or
 network delays an attempt by less than this time.
 """
 
 OVERDUE_TIMEOUTS = 2
-"""A reply counts as late if it comes more than this number of timeouts after the last attempt. Attempts do
-not arrive exactly one timeout apart, so a reply before this limit may have been in time.
+"""A reply is late if the time since the last attempt exceeds this multiple of the client's timeout. bcapscope
+estimates the timeout from the times between attempts, so the limit includes a margin.
 """
 
 _MAX_DISTANCES = 32
@@ -69,16 +69,16 @@ def gives_up_at(call: Call) -> int:
 
 
 def waits_in_vain(call: Call, now: int) -> bool:
-    """Return whether an unanswered call is so old that the controller evidently answered none of the attempts
-    before the last attempt.
+    """Return whether an unanswered call began so long ago that replies to all attempts except the last are
+    overdue.
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
     return silence > 0 and now - call.request.time >= silence
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return how long this number of timeouts takes in ns, at least `SHORTEST_SILENCE_NS`; 0 if the call does
-    not show the timeout.
+    """Return the client's timeout multiplied by `timeouts`, in ns, but at least `SHORTEST_SILENCE_NS`; 0 if
+    the client's timeout is unknown.
     """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
@@ -91,8 +91,8 @@ class ShownTimeouts:
         self._distances: dict[CallKind, deque[int]] = {}
 
     def add_call(self, call: Call) -> int:
-        """Learn from a complete call. If the client gave the call up before the reply came, return the time
-        when it gave up, in ns since 1970. Return 0 if the reply may have been in time.
+        """Learn the client's timeout from a complete call. Return the time when the client gave up before the
+        reply came, ns since 1970; 0 if the call has no overdue reply.
         """
         distances = attempt_distances(call)
         if not distances:

@@ -57,7 +57,7 @@ class ConversationPairing:
                 there is none.
             budget: Counts the bytes of all open calls, in all conversations.
             kinds: Call kinds of the requests of all conversations.
-            taken_at: Where the capture was taken; None if only the traffic shows it.
+            taken_at: Where the capture was taken; None if unknown.
         """
         self.open_calls: deque[Call] = deque()
         self._budget = budget or ByteBudget()
@@ -66,7 +66,7 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # reserved field of the latest first attempt; for UDP, 1 if the field is not 0
+        # TCP: reserved field of the latest first attempt. UDP: 1 if this field is not 0, else 0. -1: unknown.
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
@@ -78,7 +78,7 @@ class ConversationPairing:
         self._latest_answered = 0  # highest number of an answered call
         self._answered_early: deque[tuple[int, int]] = (
             deque()
-        )  # call number and reply time of each call that was answered before an older call
+        )  # call number and reply time of each call that was answered while an older call was open
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
         self._crossing = CrossingWindow(taken_at)
@@ -94,7 +94,7 @@ class ConversationPairing:
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. If it starts a new call, give this call the number `number` and return True."""
+        """Add a request. Return whether the request starts a new call, which gets the number `number`."""
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -106,8 +106,9 @@ class ConversationPairing:
         if reserved and reserved != serial and not self._is_tcp:
             return self._add_later_attempt(observation, frame, number)
         if not reserved and 0 in self._by_serial:
-            # If a first attempt has serial 0, its retries have 0 in the reserved field, as a first attempt
-            # has. Old clients may use serial 0 (start-jsk/denso b-Cap.c).
+            # If a first attempt has serial 0, the reserved field of its retries is 0. A retry with 0 in the
+            # reserved field looks like a first attempt. Old clients may use serial 0 (start-jsk/denso
+            # b-Cap.c).
             call = self._by_serial[0]
             is_repeated = call.reply is None and call.request.item.raw[9:] == frame.raw[9:]
             if is_repeated and call is self._newest_call:
@@ -166,7 +167,9 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that the proxy sent on its own, if it is a copy of a client's request."""
+        """Process a request that only the proxy sent. The request belongs to a call only if it is a copy of a
+        client's request.
+        """
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -203,7 +206,8 @@ class ConversationPairing:
     def close(self, now: int = 0) -> Iterator[Call]:
         """Yield all open calls, because the traffic of the conversation has ended.
 
-        `now` is the time when the capture ends, ns since 1970; 0 if the capture ends with the conversation.
+        `now` is the time when the capture ended, ns since 1970; 0 if nothing was captured after the
+        conversation.
         """
         mark_unanswerable(self._conversation, self.open_calls, now)
         while self.open_calls:
@@ -254,7 +258,7 @@ class ConversationPairing:
             if observation.time - waits_since(newest) >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-            elif frame.reserved in (0, frame.serial):  # before a retry, the call began at an unknown time
+            elif frame.reserved in (0, frame.serial):  # a retry does not show when its call began
                 self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
@@ -287,7 +291,9 @@ class ConversationPairing:
         return True
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a copy or an overtaken first attempt to the call `prior`. Return whether it was added."""
+        """Add a request to `prior` if the request is a copy of an attempt, or a first attempt that a retry
+        overtook. Return whether the request was added.
+        """
         if self._is_tcp:
             return False
         starts_anew = frame.code == SERVICE_START and prior is not self._newest_call
@@ -332,7 +338,7 @@ class ConversationPairing:
         )
 
     def _replace_request(self, call: Call, observation: FrameObservation) -> None:
-        """Make the first attempt the request of the call. A retry had overtaken this attempt."""
+        """Set `Call.request` to a first attempt that arrived after a retry."""
         call.other_frames = [CallFrame(FrameRole.RETRY, call.request), *call.other_frames]
         call.request = observation
         self._count_further_frame(call, FrameRole.REQUEST, observation)
@@ -429,7 +435,7 @@ class ConversationPairing:
         return call
 
     def _settle_irregular(self, call: Call, event: CallEvent) -> None:
-        """Settle a call without a reply, or with frames besides one request and one reply."""
+        """Settle a call that has no reply, or has more frames than one request and one reply."""
         gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
         if gave_up_at and call.state is _ANSWERED and call.reply is not None:
             call.abandoned_at, call.gave_up_inferred = gave_up_at, True

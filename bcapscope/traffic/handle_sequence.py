@@ -1,5 +1,5 @@
-"""The handles that a controller gave in a session. They show which calls the controller executed more than
-once, and which replies the capture lacks.
+"""Find calls that the controller executed more than once, and replies that the capture lacks. The evidence is
+the sequence of handles that the controller gave in a session.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
 OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
-"""Ids of the functions whose replies return a handle from the sequence."""
+"""Ids of the functions that open a session or an object."""
 
 
 class HandleSequence:
@@ -26,9 +26,7 @@ class HandleSequence:
         self._given: set[tuple[ObjectClass | None, int]] | None = None
 
     def add_call(self, call: Call) -> None:
-        """Add a settled call of a function in `OPENERS`, and count the handles that the controller gave for
-        its unanswered attempts.
-        """
+        """Add a complete call of a function in `OPENERS`, and set `skipped_handles` of the call."""
         if call.kind.function_id == _SERVICE_START:
             self._last_handle, self._given = 0, set()
         elif self._given is not None:
@@ -44,9 +42,8 @@ class HandleSequence:
         self._last_handle = handle
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
-        """Return whether the client received a reply to `call`, which opens an object, although no reply was
-        captured. The proof is that the controller later accepts a handle that no captured reply of the
-        session gave.
+        """Return whether later calls prove that the client received a reply to `call` that the capture lacks.
+        The proof is a successful later call with a handle that no captured reply of the session contains.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

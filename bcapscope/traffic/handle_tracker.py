@@ -121,8 +121,8 @@ class HandleTracker:
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
-        """Return the ended sessions in the order of their ends, then the open sessions, whose `unreleased`
-        lists the objects that the client has not released so far.
+        """Return the ended sessions in the order in which they ended, then the open sessions. `unreleased` of
+        an open session lists the objects that the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))

@@ -169,8 +169,8 @@ class Observation(NamedTuple):
         time: Capture time of the last byte, ns since 1970-01-01 UTC.
         first_byte_time: Capture time of the first byte, ns since 1970-01-01 UTC; equal to `time` unless the
             TCP stream split the frame.
-        packet: Number of the captured packet that contains the last byte. The number counts all packets of
-            the source from 1. 0 if the frame is not from a capture.
+        packet: Number of the captured packet that contains the last byte; 0 if the frame is not from a
+            capture. All packets of a capture are counted, from 1.
     """
 
     number: int

@@ -13,8 +13,9 @@ from typing import NamedTuple
 from bcapscope.traffic.call import CallState, FrameRole
 
 CAPTURED_AGAIN_WITHIN_NS = 1_000_000
-"""Maximum time in ns between two captures of one packet, such as on two interfaces or a mirror port. A retry
-has its own serial, so an exact copy this soon is probably the same packet."""
+"""Maximum time in ns between two captures of one packet, such as on two interfaces or a mirror port. An exact
+copy within this time is probably the same packet, because a retry has a new serial.
+"""
 
 
 class CallEvent(StrEnum):
@@ -39,8 +40,8 @@ class CallEvent(StrEnum):
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt that is not the latest one."""
     OVERDUE_REPLY = "overdue reply"
-    """The reply to the latest attempt came after the client had given up. When the call is complete, the
-    times between its attempts show whether this event happened.
+    """The reply to the latest attempt came after the client had given up. bcapscope detects an overdue reply
+    only when the call is complete, from the times between the attempts.
     """
     UNDELIVERED_REPLY = "undelivered reply"
     """The controller sends a reply that is lost before it reaches the client's side."""
@@ -56,8 +57,8 @@ class Transition(NamedTuple):
     """The effect of an event on a call.
 
     Attributes:
-        role: Role of the event's frame in the call; None if the event has no frame.
-        reply_becomes: New role of the reply that the call had before the event; None if unchanged.
+        role: Role of the frame that the event adds to the call; None if the event adds no frame.
+        reply_becomes: New role of the reply that the call already has; None if this reply keeps its role.
     """
 
     state: CallState
@@ -77,7 +78,7 @@ _ROLES_WITHOUT_CHANGE = {
     CallEvent.EARLIER_REPLY: FrameRole.LATE,
     CallEvent.UNDELIVERED_REPLY: FrameRole.LOST,
 }
-"""Role of the frame for each event that never changes the state of an open call."""
+"""Events that leave the state of an open call unchanged, with the role of the added frame."""
 
 TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (state, event): Transition(state, role)
@@ -119,5 +120,7 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event for an exact copy of an earlier frame, from the capture times of both in ns."""
+    """Return the event for an exact copy of a frame. `earlier` is the capture time of the frame, and `time`
+    the capture time of the copy, ns.
+    """
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

@@ -12,8 +12,8 @@ from bcapscope.traffic.client_timeout import gives_up_at
 from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
-"""Maximum delay in ns of copies and reordered frames. Factory networks delay a frame by milliseconds. Within
-this time, no client restarts on the same port without a Service_Start.
+"""Maximum delay in ns of copies and reordered frames. Factory networks delay a frame by milliseconds. A
+client that restarts on the same port within this time begins with a Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
@@ -22,19 +22,19 @@ RETRY_WITHIN_NS = 5_000_000_000
 
 LATE_WITHIN_NS = 1_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call. This limit is valid if the
-controller has answered a later call. A reply after this time is a stray reply, which names the call that it
-answers.
+controller has answered a later call. After this time, bcapscope reports a reply as a stray reply with the
+number of the call.
 """
 
 BUSY_WITHIN_NS = 30_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call. This limit is valid if the
-controller has not answered a later call. The controller may still be executing the call, because controllers
-answer in order.
+controller has not answered a later call. Controllers answer calls in order. If no later call has a reply, the
+controller may still be executing the call.
 """
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns between two frames of a call, if the controller has answered no later call. The value is
-the InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
+"""Maximum time in ns between two frames of a call while all later calls are unanswered. The value is the
+InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
@@ -49,7 +49,9 @@ FRAME_COST = 512
 """Overhead of a frame in bytes."""
 
 LARGE_CALL = 64 * 1024
-"""Maximum size in bytes of a settled call that `ConversationPairing` keeps as the newest call."""
+"""`ConversationPairing` drops its reference to the newest call if the call is complete and larger than this
+size in bytes.
+"""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
@@ -57,8 +59,8 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 
     Args:
         latest_answered: Highest number of an answered call of the conversation.
-        answered_early: Call number and reply time of each call that was answered before an older call, oldest
-            first.
+        answered_early: Call number and reply time of each call that was answered while an older call was
+            open, oldest first.
     """
     quiet = call.last_activity
     if call.abandoned_at:
@@ -73,20 +75,20 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 
 
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
-    """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
+    """Set `no_reply_expected` of the open calls at the end of a conversation.
 
-    If a later call has a reply, an open call can no longer be answered, because controllers answer in order.
-    The network reorders replies only within a short time. A call can also no longer be answered if the client
-    gave it up before the capture ended, as the times between its attempts show.
+    Controllers answer in order, so bcapscope expects no reply to a call if a later call has a reply. The
+    network reorders replies only within a short time. bcapscope expects no reply to a call that the client
+    gave up before the capture ended. The times between the attempts show when the client gave up the call.
 
-    `open_calls` lists the oldest call first. `now` is the time when the capture ends, ns since 1970; 0 if the
-    capture ends with the conversation.
+    `open_calls` lists the oldest call first. `now` is the time when the capture ended, ns since 1970; 0 if
+    nothing was captured after the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies
     end = max((call.last_activity for call in open_calls), default=0)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
-    # time of the earliest reply to a later call; `overtaken` if no later call has a reply
+    # time of the earliest reply to any call after `call`; `overtaken` if these calls have no reply
     answered = overtaken
     for call in reversed(open_calls):
         gives_up = gives_up_at(call)

@@ -50,7 +50,7 @@ class PipelineSubscriber:
         """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Process a completed call. `target` is the object that its handle refers to; None if unknown."""
+        """Process a completed call. `target` is the object with the call's handle; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber
@@ -64,7 +64,9 @@ class PipelineSubscriber:
         """Process a change of a client's slave mode, after the call that made the change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a conversation that has ended, after all its calls."""
+        """Release the data of an ended conversation. The pipeline has already delivered all calls of the
+        conversation.
+        """
 
 
 class CallCollector(PipelineSubscriber):
@@ -98,12 +100,12 @@ class Pipeline:
 
         Args:
             handles: Handle tracker that the pipeline updates and the caller reads. If `handles` is None, the
-                pipeline follows handles only if a subscriber needs targets.
+                pipeline follows handles only for subscribers with `needs_targets`.
             slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
-                None, the pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
+                None, the pipeline follows slave mode only for subscribers that override `on_slave_mode`.
             joiner: Joins conversations that were captured at several places; None if all traffic is from one
                 place.
-            taken_at: Where the capture was taken; None if only the traffic shows it.
+            taken_at: Where the capture was taken; None if unknown.
         """
         self._tracker = Tracker(taken_at)
         self._runs: dict[Conversation, AlikeSetPoints] = {}
@@ -226,7 +228,7 @@ class Pipeline:
         for on_set_points in self._run_handlers:
             on_set_points(calls)
         if self._single_handlers:
-            # One lookup of the handle is enough, because all set points of a run have the same handle.
+            # All `calls` have the same handle, so the pipeline looks up the handle only once.
             target = None if self._handles is None else self._handles.on_call(calls[0])
             for on_call in self._single_handlers:
                 for call in calls:

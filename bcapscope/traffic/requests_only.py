@@ -7,20 +7,19 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import handle_of
 
 FEWEST_CALLS = 8
-"""After this number of successive calls, it is certain that the client receives replies."""
+"""This number of calls in quick succession proves that the client receives replies."""
 
 LONGEST_STEP_NS = 500_000_000
-"""Maximum time in ns from one call to the next if the client receives replies. A client that gets no reply
-waits for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. One answered call may
-take as long as a timeout. Several successive answered calls do not all take so long.
+"""Maximum time in ns between two calls in quick succession. A client that gets no reply waits for its
+timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py.
 """
 
 
 class RequestsOnlyEvidence:
     """Finds evidence in a client's requests that the controller answered, although no reply was captured.
 
-    A client that uses a handle has received the reply with this handle. A client that makes several calls in
-    quick succession without a retry has also received replies.
+    A client that uses a handle has received the reply with this handle. Several calls in quick succession
+    without a retry prove that the client received replies.
     """
 
     def __init__(self) -> None:
@@ -31,7 +30,9 @@ class RequestsOnlyEvidence:
         self._latest_call: Call | None = None
 
     def add_call(self, call: Call) -> None:
-        """Process the first attempt of a call, which may prove that the client receives replies."""
+        """Add a call when its request is captured. Set `is_proven` if the call proves that the client
+        receives replies.
+        """
         if self.is_proven:
             return
         before, self._latest_call = self._latest_call, call

@@ -7,16 +7,16 @@ from bcapscope.traffic.recent_serials import RecentSerials
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials, and of unanswered TCP requests for each of them."""
+"""Maximum number of reused serials in the table, and of unanswered TCP calls per reused serial."""
 
 
 class SerialTable:
-    """The serials of open calls, and of calls that settled recently.
+    """The serials of open calls, and of recently completed calls.
 
     Attributes:
-        open_calls: The open calls, each listed under the serials of all its attempts.
-        reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
-            has the same serial; oldest first. The table keeps only the number of a settled call.
+        open_calls: Maps the serial of each attempt to the open call.
+        reused: Maps each serial that a TCP client reused to the earlier calls that still wait for a reply,
+            oldest first. The table replaces each complete call with the number of the call.
     """
 
     def __init__(self) -> None:
@@ -25,24 +25,28 @@ class SerialTable:
         self._settled: RecentSerials[int] = RecentSerials()
 
     def settled_call(self, serial: int) -> int | None:
-        """Return the number of the latest settled call with this serial; None if none is remembered."""
+        """Return `Call.number` of the latest complete call with this serial; None if the table has no such
+        call.
+        """
         return self._settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
-        """Add the serials between two attempts of a call, which belong to attempts that were not captured."""
+        """Record that attempts of a call with the serials between `before` and `after` were not captured."""
         serials = skipped_serials(before, after)
         call.unseen_serials += serials
         for serial in serials:
             self.open_calls[serial] = call
 
     def release_all(self, call: Call) -> None:
-        """Release every serial of a call, and the serial in the reserved field of its request."""
+        """Remove all serials of a call from `open_calls`, including the serial in the reserved field of its
+        request.
+        """
         reserved = call.request.item.reserved
         for serial in {*call.serials, *call.unseen_serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)
 
     def release(self, serial: int, call: Call) -> None:
-        """Release one serial of a call. The call gets no more frames."""
+        """Remove a serial of a call from `open_calls`. The call gets no more frames."""
         if self.open_calls.get(serial) is call:
             del self.open_calls[serial]
         self._settled.put(serial, call.number)
@@ -51,7 +55,7 @@ class SerialTable:
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def queue_reused(self, serial: int) -> None:
-        """Queue the open call with a serial, before a new request reuses the serial.
+        """Before a new request reuses a serial, add the open call with this serial to a queue.
 
         TCP keeps the order of the frames, so the reply to the queued call comes before the reply to the new
         request. The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
@@ -66,8 +70,8 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call that still waits for its reply to a reused serial. If `is_answered` is True,
-        remove this call from the queue.
+        """Return the oldest waiting call that has a reused serial; the number of the call if the call is
+        complete. If `is_answered` is True, remove this call from the queue.
         """
         queue = self.reused[serial]
         oldest = queue[0]

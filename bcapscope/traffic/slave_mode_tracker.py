@@ -36,7 +36,9 @@ class SlaveModeEffect(Enum):
     SET_POINT = "set point"
     """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point that was refused, but not because the buffer was full or slave mode was off."""
+    """The call is a set point that the controller refused for another reason than a full buffer or inactive
+    slave mode.
+    """
     FOUND_OFF = "found off"
     """The call is a set point. The controller refused the set point because slave mode is off."""
     MODE_CHANGED = "mode changed"

@@ -17,8 +17,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 MAX_OPEN = 8192
 """Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
 limit, the conversation with the most open calls loses the older half of its open calls. Four clients that
-send a set point every 2 ms without a reply reach the limit. The evicted calls of these clients are older than
-a second. They count as unanswered, because a reply would be late.
+send a set point every 2 ms without a reply reach the limit. An evicted call that the client gave up more than
+a second earlier counts as unanswered, because a reply would be late.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -37,19 +37,19 @@ class Tracker:
     """Groups requests, retries, notices and replies into calls, in bounded memory.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
-    this order. The tracker returns a call when this call can get no further frame, and no earlier call of the
-    conversation can. Calls of one conversation do not wait for calls of another conversation.
+    this order. The tracker returns a call when this call and all earlier calls of the conversation are
+    complete. Calls of one conversation do not wait for calls of another conversation.
 
     The returned calls depend only on the observations that were added so far. A truncated capture gives the
     same calls as the whole capture, except for the calls that are open when the truncated capture ends.
-    Beyond the memory limits, the tracker evicts calls: it returns calls to which a reply may still follow.
+    Beyond the memory limits, the tracker also returns (evicts) calls to which a reply may still follow.
 
     The tracker uses no clock except the times of the observations. The caller adds observations in capture
     order. Their times normally increase.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Start without calls. `taken_at` is the capture point; None if only the traffic shows it."""
+        """Start without calls. `taken_at` is the capture point; None if unknown."""
         self._taken_at = taken_at
         self._pairings: dict[Conversation, ConversationPairing] = {}
         self._current_conversation: Conversation | None = None
@@ -116,9 +116,7 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that became complete up to the time `now`, ns since 1970, without a new
-        observation.
-        """
+        """Return the calls to which no frame can belong after the time `now`, ns since 1970."""
         self._settle_expired(now)
         return self._pop_results()
 
@@ -132,7 +130,7 @@ class Tracker:
         return self._pop_results()
 
     def close(self) -> Sequence[PairingResult]:
-        """Return all open calls in starting order, because the traffic has ended."""
+        """Return all open calls in starting order. Call this method when the traffic has ended."""
         rest = [call for pairing in self._pairings.values() for call in pairing.close(self._swept_at)]
         self._calls_settled += len(rest)
         return sorted(rest, key=attrgetter("number"))

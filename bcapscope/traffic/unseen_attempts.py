@@ -30,10 +30,10 @@ remembers at least this number of serials of settled calls.
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
-    """Return the serials between those of two successive captured frames of a client, oldest first.
+    """Return the serials between `before` and `after`, oldest first.
 
-    The result is empty if the gap is too large to be caused by attempts that were not captured. The result
-    never contains serial 0, because most clients skip it.
+    The result is empty if more than `MAX_UNSEEN` serials are skipped. Serial 0 is left out, because most
+    clients skip serial 0.
     """
     gap = (after - before) & 0xFFFF
     if gap > MAX_UNSEEN + 1:
@@ -45,9 +45,10 @@ class UnseenRequests:
     """Stray replies to one client. The capture lacks the requests of these replies.
 
     If the serial of a stray reply is older than the client's latest captured serial, the client sent the
-    request before the capture began, or the capture missed the request. If the serial is newer, the request
-    may be a retry of the client's newest call. The client's next request shows whether the client has sent a
-    request with the newer serial. It may also show for which call.
+    request before the capture began, or the capture missed the request. A stray reply with a newer serial may
+    answer a retry of the client's newest call. The serial of the client's next request shows whether the
+    client really sent a retry with the newer serial. The next request may also show to which call the stray
+    reply belongs.
 
     Attributes:
         waiting: Whether the class holds stray replies until the client's next request.
@@ -56,7 +57,7 @@ class UnseenRequests:
     def __init__(self) -> None:
         self._recent: list[StrayReply] = []
         self._noticed: set[int] = set()
-        self._latest = 0  # serial of the latest attempt of the newest call, before the next request
+        self._latest = 0  # latest serial of the newest call; set by `pop_before`
         self._newest: Call | None = None  # the client's newest call before the stray replies
         self.waiting = False
 
@@ -75,17 +76,19 @@ class UnseenRequests:
                 newest.may_go_on = newest.was_overtaken = True
         self._newest, self.waiting = newest, True
         if stray.observation.item.code == S_EXECUTING:
-            if serial in self._noticed:  # one notice is enough, and there may be thousands
+            if serial in self._noticed:  # a controller may send thousands of notices; the first is enough
                 return
             self._noticed.add(serial)
         self._recent.append(stray)
         del self._recent[: -2 * MAX_UNSEEN]
 
     def pop_before(self, serial: int) -> list[StrayReply]:
-        """Return the stray replies that came before the client's next request, which has the serial `serial`.
+        """Return the stray replies that answer attempts before the client's next request. `serial` is the
+        serial of the next request.
 
-        Their `request_missed` becomes False if the client had not used their serial before. If the request is
-        only a copy of the client's latest request, return no replies and change nothing.
+        `pop_before` drops each stray reply whose serial the client had not used before. `request_missed` of a
+        dropped reply becomes False. If the request is only a copy of the client's latest request, return no
+        replies and change nothing.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -107,11 +110,11 @@ class UnseenRequests:
         return found
 
     def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
-        """Add stray replies to the call of the client's next request, if they answer its attempts.
+        """Add each stray reply to `call` if the reply answers an attempt of `call` that was not captured.
 
-        Stray replies that do not answer attempts of this call may answer attempts of the previous call.
-        `named` is the reserved field of the next request. If `named` is the serial of an attempt that was not
-        captured, an earlier attempt may be the last attempt of another call.
+        Other stray replies may answer attempts of the client's previous call. `named` is the reserved field
+        of the client's next request. If `named` is the serial of an uncaptured attempt, other uncaptured
+        attempts may belong to another call.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -129,7 +132,7 @@ class UnseenRequests:
     def _may_answer(self, call: Call, stray: StrayReply) -> bool:
         """Return whether a stray reply may answer a later attempt of a call.
 
-        Of the attempts of a call, the controller sends S_EXECUTING only for the first attempt that it
+        The controller sends S_EXECUTING only for one attempt of a call: the first attempt that the controller
         receives.
         """
         frame = stray.observation.item
@@ -144,10 +147,10 @@ class UnseenRequests:
 def find_retried_call(
     newest: Call | None, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
 ) -> tuple[Call | None, Call | None]:
-    """Find the call of a retry that names an attempt which was not captured.
+    """Find the call of a retry whose reserved field holds the serial of an attempt that was not captured.
 
-    Return the call to which the retry probably belongs, and the call to which it possibly belongs. Each
-    returned call is the client's newest call, or None.
+    Return a pair: the call to which the retry probably belongs, and the call to which the retry may belong.
+    Each element of the pair is `newest` or None.
 
     Only with the convention `CHAIN` can a retry contain the serial of an attempt other than the first.
     """
@@ -168,8 +171,8 @@ def find_retried_call(
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
     """Set `may_go_on` of an unanswered call if the client's next call may consist of retries of this call.
 
-    The call after the next call may also contain retries of `call`. Of the attempts of a call, the controller
-    sends S_EXECUTING only for the first attempt that it receives. A second S_EXECUTING therefore belongs to
+    Retries of `call` may appear as several later calls. The controller sends S_EXECUTING only for one attempt
+    of a call: the first attempt that the controller receives. A second S_EXECUTING therefore belongs to
     another call.
     """
     later, call.may_continue_in = call.may_continue_in, None

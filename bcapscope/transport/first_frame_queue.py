@@ -16,9 +16,9 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Maximum number of connections without a complete frame. A further connection displaces another connection
-without a complete frame. On a busy machine, an honest client may send its first byte only some milliseconds
-after it connects. In a few milliseconds, an attacker can open a hundred connections.
+"""Maximum number of connections without a complete frame. If this number is reached, a new connection
+displaces a connection that waits in the queue. On a busy machine, an honest client may send its first byte
+only some milliseconds after it connects. In a few milliseconds, an attacker can open a hundred connections.
 """
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000
@@ -28,8 +28,8 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the source network of an address: the IPv4 address, or the /64 network of an IPv6 address. All
-    clients in one such network count as one source.
+    """Return the source network of an address: the IPv4 address, or the /64 network of an IPv6 address.
+    bcapscope counts all clients of one source network together.
     """
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
@@ -63,9 +63,9 @@ class FirstFrameQueue(Generic[Key]):
     def add(self, key: Key, host: str) -> Key | None:
         """Add a connection.
 
-        Return the connection that the caller must drop to make room; None if there is room. That connection
-        is the oldest one of the source network that has the most connections. Connections that sent some
-        bytes are not spared, because an honest client that has just connected has sent no bytes.
+        Return the connection that the caller must drop to make room; None if there is room. The queue drops
+        the oldest connection of the source network with the most connections. A connection that has sent some
+        bytes gets no preference, because a new honest client has sent no bytes.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))

@@ -24,7 +24,7 @@ class SocketLink(asyncio.BaseProtocol):
     """A link over a connected socket. The link passes events to its receiver until `close` is called.
 
     Attributes:
-        end_reason: Message id of the reason that `on_link_lost` gets if the link ends without an error.
+        end_reason: Id of the message that `on_link_lost` receives if the link ends without an error.
     """
 
     end_reason = "connection.socket-closed"
@@ -44,7 +44,7 @@ class SocketLink(asyncio.BaseProtocol):
         return host, port
 
     def close(self) -> None:
-        """Close the socket. A TCP connection first sends the data that is still waiting to be sent."""
+        """Close the socket. Over TCP, the socket closes only when all waiting data is sent."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()
@@ -107,8 +107,8 @@ def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
 
 
 class UdpLink(SocketLink, asyncio.DatagramProtocol):
-    """A connected UDP socket. The operating system drops datagrams from other senders. It reports an error if
-    the peer's port is closed.
+    """A connected UDP socket. The operating system drops datagrams from other senders. The operating system
+    reports an error if the peer's port is closed.
     """
 
     datagrams = True

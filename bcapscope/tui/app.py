@@ -35,22 +35,23 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Maximum time in seconds for all closers together. After this time, the screen closes even if closers still
-run.
+"""Time limit in seconds for all clean-up functions of `add_closer` together. At this limit, the screen closes
+even if a clean-up function still runs.
 """
 
 HALT_KEY_WINDOW = 0.5
-"""Time in seconds for which `action_halt` does nothing after the terminal driver has halted the robot.
+"""If the terminal driver halted the robot less than this time in seconds ago, `action_halt` sends no second
+halt.
 """
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds of the garbage collector. No key is handled while the collector runs.
+"""Thresholds of Python's garbage collector. The screen handles no key while the garbage collector runs.
 
-Textual creates many objects. A collection of new objects is frequent and takes 1 ms; a collection of older
-objects is rarer and takes 30 ms. A full garbage collection takes 50 ms, so full collections are rare.
+The thresholds make slow runs of the garbage collector rare. A run takes 1 ms for new objects, 30 ms for older
+objects, and 50 ms for all objects.
 """
 
 
@@ -125,8 +126,8 @@ class BcapApp(KeyOrderApp):
     def on_load(self) -> None:
         """Start tasks without eager execution. In Python 3.12 and later, Textual switches eager execution on.
 
-        With eager tasks, the first screen is mounted before it is on the stack of screens, and its first
-        `Input` raises a ScreenStackError.
+        With eager execution, an `Input` on the first screen raises ScreenStackError, because this screen is
+        not yet on the screen stack.
         """
         asyncio.get_running_loop().set_task_factory(None)
 
@@ -165,8 +166,8 @@ class BcapApp(KeyOrderApp):
         self.run_worker(self.action_quit(), exclusive=False)
 
     def add_closer(self, closer: Callable[[], Awaitable[None]]) -> None:
-        """Register a coroutine function that runs before the screen closes. The function that was registered
-        last runs first.
+        """Register a coroutine function that runs before the screen closes. The functions run in the reverse
+        order of their registration.
         """
         self._closers.push_async_callback(closer)
 
@@ -190,7 +191,8 @@ class BcapApp(KeyOrderApp):
         """Register a callback for HALT. Any thread may call the callback, which must not raise an exception.
 
         Args:
-            halt: Callback that stops motion. It does not wait, and returns whether anything was moving.
+            halt: Callback that stops motion without waiting. The callback returns True if it stopped a
+                motion.
         """
         self._halts.append(halt)
 

@@ -1,9 +1,9 @@
 """Ink marks in rendered lines. An ink mark is a control character that selects a style of the theme for the
 text after it.
 
-Renderers start each piece of text with a sequence of a `Palette`. In the palette `INK`, each sequence is one
-character below U+0020. Escaped text contains no character below U+0020, so text from the wire cannot select a
-style.
+A renderer writes a style code from a `Palette` before each piece of text. In the palette `INK`, each style
+code is one character below U+0020. Escaped text contains no character below U+0020, so text from the wire
+cannot select a style.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Handles keys strictly one after the other. Each key goes to the widget that has the focus when the previous
-key has been handled.
+"""Handles keys strictly one after the other. `KeyOrderApp` waits until a key has been handled, and then sends
+the next key to the focused widget.
 
 When Textual reads a key, it chooses at once which widget gets the key. The widget handles the key later,
 after Textual has offered the key to the widget's parents. Fast typing, pasting and remote terminals can
-deliver `/` and letters in one packet. Without `KeyOrderApp`, the letters would go to the list, and not to the
-field that `/` opens.
+deliver `/` and letters in one packet. Without `KeyOrderApp`, letters that follow `/` would not reach the
+input field that `/` opens.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Maximum time in seconds that keys wait until the previous key is handled. A limit is necessary, because the
-widget of the previous key may no longer exist.
+"""Maximum time in seconds that keys wait until the previous key is handled. Without a limit, keys would wait
+forever if the widget of the previous key no longer exists.
 """
 
 _MOUNT_POLL_INTERVAL = 0.02
@@ -54,7 +54,9 @@ class KeyOrderApp(App[None]):
         self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}
 
     async def on_event(self, event: Event) -> None:
-        """Queue keys and pastes until the previous key is handled; pass on HALT and other events at once."""
+        """Delay keys and pasted text until the previous key is handled. Handle urgent keys, such as the HALT
+        keys, and all other events immediately.
+        """
         is_urgent = isinstance(event, Key) and event.key in self._urgent_keys
         if not isinstance(event, Key | Paste) or event.is_forwarded or is_urgent:
             await super().on_event(event)
@@ -105,9 +107,7 @@ class KeyOrderApp(App[None]):
             await self._deliver_event(self._queued_events.popleft())
 
     def _start_stuck_timer(self) -> None:
-        """Start a timer. When it expires, the waiting keys are delivered even if the previous key was never
-        handled.
-        """
+        """After `STUCK_AFTER` seconds, deliver a waiting key even if the previous key was never handled."""
         if self._watched_key is None:
             self._watched_key = self._pending
             self.set_timer(STUCK_AFTER, self._deliver_if_stuck)

@@ -21,8 +21,8 @@ from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
-"""Time in seconds without a reply to a request. After this time, the list shows that the controller is
-silent.
+"""The controller counts as silent if the client's latest data is more than this time in seconds newer than
+the controller's latest data.
 """
 
 _MAX_MESSAGES = 5000
@@ -167,7 +167,7 @@ _BARE = re.compile(r'[^\s"]+')
 
 
 def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
-    """Return a held message after an edit.
+    """Apply the user's edit to a held message, and return the new bytes.
 
     Args:
         data: Bytes of the held message.
@@ -192,7 +192,8 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return the text of a proposed edit, which sets the argument at a byte offset to its present value.
+    """Return an edit such as ``set arg[2]=0`` for the argument at a byte offset. The edit contains the
+    argument's present value, which the user can then change.
 
     If no argument is at the offset, the edit sets the last argument. The result is "" if no argument can be
     written as text.

@@ -73,7 +73,8 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return a list that starts with `item`. After `item` come at most `MAX_RECENT` - 1 items of `recent`.
+    """Return a list that starts with `item`, followed by the other items of `recent`. The list has at most
+    `MAX_RECENT` items.
 
     A file name with a lone surrogate is not added, because YAML cannot store it.
     """

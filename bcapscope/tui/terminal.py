@@ -43,10 +43,10 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
             super().process_message(message)
 
         def _sigcont_application(self, *arguments: Any) -> None:
-            """Take over the terminal again, unless SIGCONT came because the terminal hung up.
+            """Take over the terminal again after SIGCONT. Do nothing if the terminal no longer exists.
 
-            Textual's own method would start a second thread for reading and a second thread for writing.
-            Later it would end only one reading thread and one writing thread.
+            Textual's own method would start a second reading thread and a second writing thread. Textual
+            would later end only one reading thread and one writing thread.
             """
             if not os.isatty(self.fileno):
                 return
@@ -79,8 +79,8 @@ class _HangupSafeFile:
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
-    """For a browser driver, return a driver that ends the program if its server is gone. Return any other
-    driver unchanged. If the server is gone, Textual's own browser driver raises an error or continues to run
+    """Extend a browser driver: the new driver ends the program if the web server is gone. Return any other
+    driver unchanged. Without the web server, Textual's own browser driver raises an error or continues to run
     unseen.
 
     Args:

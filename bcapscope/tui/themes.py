@@ -43,10 +43,10 @@ block-cursor-foreground          #ffffff             #000000             #ffffff
 block-cursor-blurred-background  #2a323c             #e0e4e0             #303030
 block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
 """
-"""Colours by theme.
+"""Table of colours: one row per colour name, and one column per theme.
 
-The rows whose names begin with "ink-" are the styles of rendered lines. The style sheet has the "ink-" rows,
-the "border" row and the "block-" rows as variables.
+Rows whose names begin with "ink-" are styles of rendered lines. The style sheet can use the colours whose
+names begin with "ink-", "border" or "block-" as variables.
 """
 
 _VARIABLE_PREFIXES = ("ink-", "border", "block-")
@@ -78,8 +78,8 @@ def theme_styles(theme: Theme) -> Styles:
 
 
 def readable_style(style: Style, background: Style) -> Style:
-    """Return a readable style. If the style's colour has too little contrast, the result has a colour blended
-    towards the background's text colour.
+    """Return a readable style. If the colour of `style` has too little contrast, the result mixes this colour
+    with the text colour of `background`.
     """
     both = background + style
     if (

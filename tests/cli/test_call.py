@@ -122,10 +122,14 @@ def test_a_session_of_several_calls(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("calls", "reason"),
     [
-        (["Robot_Execute CurJnt", "Variable_GetValue"], "Variable_GetValue needs a variable."),
+        (["Robot_Execute CurJnt", "Variable_GetValue"], "Variable_GetValue: no variable is open."),
+        (
+            ["Extension_GetName"],
+            "Extension_GetName: no extension is open. Add --extension NAME, or open the extension in an earlier",
+        ),
         (
             ["Controller_GetVariable I1", "Variable_Release", "Variable_GetName"],
-            "Variable_GetName needs a variable. Add --variable NAME, or open one in an earlier call",
+            "Variable_GetName: no variable is open. Add --variable NAME, or open the variable in an earlier call",
         ),
         (["Robot_Execute CurJnt", "Robot_Bogus"], "line 2: unknown function 'Robot_Bogus'"),
         (["Robot_Execute 'x"], "line 1: no closing quotation"),

@@ -208,7 +208,7 @@ def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
 def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
     done = run_here(command)
     assert done.code == ExitCode.USAGE
-    assert "give captures, - for standard input, or an interface with -i" in done.err
+    assert "give captures or '-' (standard input), or give an interface with -i" in done.err
 
 
 @pytest.mark.parametrize(

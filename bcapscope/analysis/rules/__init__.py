@@ -24,7 +24,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # first, because its findings can be causes of the other checkers' findings
+    ProxyChecker,  # ProxyChecker is first: its findings can cause findings of the other checkers
     WireChecker,
     ConnectionChecker,
     ReplyChecker,

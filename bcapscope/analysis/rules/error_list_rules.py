@@ -1,8 +1,8 @@
 """Report errors from the controller's error list as causes of earlier refusals.
 
 Some refusals name no cause. For example, the code 84201486 says only that the controller abandoned set points
-because of an earlier error. The controller's error list contains the code of this earlier error, and a rule
-for that code explains the error.
+because of an earlier error. The controller's error list contains the code of the earlier error.
+`ErrorListChecker` reports the earlier error as a finding of the rule that covers the error code.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ _LASTING = (
     *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
     "manual-reset-missing",
 )
-"""Rules about states that ClearError does not end. If the controller refuses a call because an error is
-active, only errors of these rules explain the refusal. For any other error in the error list, the reason for
-the refusal is that the client did not call ClearError.
+"""Rules about states that ClearError does not end. A refusal with a code in `ACTIVE_CODES` is linked only to
+errors that rules in `_LASTING` report. Errors of other rules block a call only until the client calls
+ClearError.
 """
 
 _MAX_CONTROLLERS = 256
@@ -67,9 +67,9 @@ class _RefusedCalls:
     """The refused calls of one client since errors were last cleared.
 
     Attributes:
-        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a refused
-            set point, the error cannot be older than the previous set point.
-        reported: For each error code that was reported as a cause, the call that read the error.
+        began: Earliest possible time of the error that caused the first refusal, ns since 1970. If the first
+            refused call is a set point, `began` is the time of the previous set point.
+        reported: For each reported error code, the call with which a client read this code.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -83,7 +83,9 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: str, code: int) -> bool:
-        """Return whether an error, which `rule` reports, may have caused the first refusal."""
+        """Return whether the error `code` may explain the client's first refused call. `rule` is the id of
+        the rule that reports this error.
+        """
         is_notice = not describe_hresult(code).level and rule == "controller-error"
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
@@ -102,8 +104,8 @@ class _ControllerErrors:
 class ErrorListChecker(RuleChecker):
     """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    The checker remembers the latest errors that were read, because it gets the calls of different clients in
-    any order.
+    A client's refused call can reach the checker after another client's call that read the error. Therefore
+    the checker remembers the latest errors that clients read.
     """
 
     def set_up(self) -> None:
@@ -155,8 +157,8 @@ class ErrorListChecker(RuleChecker):
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report an error that a client read, if this error explains the first refusal. The error list begins
-        with the newest error, so an error that follows the refusal's own error in the list is older than the
-        refusal.
+        with the newest error. If the error list contains the code of the refusal, the errors after this code
+        are older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -213,6 +215,6 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
 
 
 def _rule_of(code: int) -> str:
-    """Return the rule that reports a result code for every kind of call."""
+    """Return the id of the rule that reports an error code; "controller-error" if no other rule does."""
     rules = (each.rule for each in REFUSALS if code in each.codes)
     return next((rule for rule in rules if rule != "arm-taken-by-other"), "controller-error")

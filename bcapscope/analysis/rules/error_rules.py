@@ -46,10 +46,10 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """The calls of a client after a controller error and before it cleared the error.
+    """The calls of a client from a controller error until the client clears the error.
 
     Attributes:
-        count: Number of these calls that can change or move something.
+        count: Number of calls after the error; only calls that can change or move something count.
         clear_attempt: The first ClearError call that got no successful reply.
     """
 
@@ -139,7 +139,7 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
 
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
-    """Return whether a call only stops, switches off or releases something, as after an error."""
+    """Return whether a call only stops, switches off or releases something."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name

@@ -161,7 +161,7 @@ def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | No
     key = "" if axis is None else f"J{axis}"
     if axis is None or pose_type not in (PoseType.J, None) or len(pose) < axis:
         return RefusalReason(group_key=key)
-    # Use 6 digits: a number in single precision has no more exact digits.
+    # Round to 6 significant digits, because a single-precision number has only 6 exact digits.
     value = float(f"{pose[axis - 1]:.6g}")
     reason = Message("reason.beyond-range", axis=AXES[PoseType.J][axis - 1].name, value=value)
     return RefusalReason(reason, group_key=key)

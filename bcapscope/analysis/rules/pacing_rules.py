@@ -46,8 +46,8 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Report the pause that explains an empty buffer. `session_occurrences` cannot report it: a session
-        lacks details of the set points around the pause.
+        """Report the pause that explains an empty buffer. `session_occurrences` cannot report this pause,
+        because a `SlaveSession` lacks details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -120,8 +120,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point replaces a waiting set point, or may replace it because the mode is
-    unknown.
+    """Return whether a new set point may replace a set point that waits in the buffer. Return True if the
+    slave mode is unknown.
     """
     return session.mode.meaning is None or session.buffer.overwrites
 

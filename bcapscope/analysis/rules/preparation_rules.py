@@ -179,7 +179,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest accepted Task_Start of RobSlave of any client."""
+    """Return the latest accepted Task_Start call for RobSlave. The call can come from any client."""
     starts = [each.robslave_start for each in (client, *client.other_clients())]
     return max(
         (each for each in starts if each is not None), key=lambda each: each.request.time, default=None

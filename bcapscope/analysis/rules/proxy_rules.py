@@ -57,8 +57,8 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Return `fact`, with the place where frames of the call were lost or held, if two captures or a proxy
-    show this.
+    """Return `fact` with the place where frames of the call were lost or held. If the place is unknown,
+    return `fact` unchanged.
     """
     lost = call.lost_between
     if lost:
@@ -71,8 +71,8 @@ def with_place(call: Call, fact: Message) -> Message:
 
 
 def group_by_place(call: Call) -> str:
-    """Return the group key for a problem of a call. Calls with different advice have different keys, so they
-    become different findings.
+    """Return the group key (see `Occurrence.group_key`) for a problem of a call. Calls that need different
+    advice get different group keys.
     """
     advice = advice_by_place(call)
     return "" if advice is None else advice.id

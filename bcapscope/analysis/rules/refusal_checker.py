@@ -31,7 +31,9 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All kinds of refusal, specific kinds first. The last kind applies to every refused call."""
+"""All kinds of refusal, specific kinds first. The last kind of refusal in `REFUSALS` matches every refused
+call.
+"""
 
 
 _NEEDED_OBJECTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.ROBOT)
@@ -87,15 +89,15 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the call that reported the error which a refused ClearError should have cleared.
-    The refusal often has the same cause as the error.
+    """For a refused ClearError, return the number of the call that reported the uncleared error. The
+    uncleared error and the refusal of ClearError often have the same cause.
     """
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 
 
 def _marked_guess(fact: Message, code: int) -> Message:
-    """Return `fact`, with a remark if the code's meaning is only a guess from the form of RC7's codes."""
+    """Return `fact`, with a remark if the meaning of `code` is only a guess (see `rc7_digits_guessed`)."""
     digits = rc7_digits_guessed(code)
     return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)
 

@@ -203,8 +203,8 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`. With these arguments, calls that need special advice because they
-    were captured at two places become a separate finding.
+    """Return the arguments `group_key` and `advice` for `report_call`. A call that was captured at two places
+    can need special advice and a separate finding.
     """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
@@ -293,11 +293,11 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
-    """Return whether the controller answered a set point late because it waited until its buffer had room.
+    """Return whether the controller answered a set point late because the buffer had no room.
 
-    The controller delays replies only in modes in which it sets the pace. With the timeout of 2 ms that DENSO
-    recommends for these modes, the client retries while the controller waits. Retries during this wait do no
-    harm: if some attempts are lost, the set point still arrives.
+    The controller delays replies only in modes in which the controller sets the pace. DENSO recommends a
+    timeout of 2 ms for these modes, so the client retries while the controller waits. A retry while the
+    controller waits does no harm, and helps if an earlier attempt was lost.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -316,13 +316,13 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that a reply answers: the latest earlier attempt with the same serial."""
+        """Among the attempts with the serial of `reply`, return the last attempt sent before `reply`."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the reply came
-        earlier.
+        """Return the time, in ns since 1970, at which the client gave up the attempt that `reply` answers.
+        Return 0 if the client had not given up this attempt when `reply` arrived.
         """
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)

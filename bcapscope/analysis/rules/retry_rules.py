@@ -22,8 +22,8 @@ from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
-"""Functions with which a session begins. If the first captured call has serial 0 but none of these functions,
-the capture began in the middle of a session.
+"""Functions with which a session begins. If the first captured call has serial 0 and another function, the
+capture began in the middle of a session.
 """
 
 

@@ -90,7 +90,7 @@ OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
 
 
 class CallHealth(Enum):
-    """Whether a call had problems. Checkers use this value to select the calls that they check."""
+    """Whether a call had problems."""
 
     SMOOTH = "smooth"
     """One request, one reply, success."""
@@ -108,10 +108,10 @@ class RuleChecker:
     holds data about each client until the client is dropped from memory.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). There may be
-            millions of set points. If False, `on_call` gets only the first set point of each run of alike set
-            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run; its argument
-            `client` has the state before the run.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). A capture can
+            contain millions of set points. If `needs_every_set_point` is False, `on_call` gets only the first
+            of successive alike set points (see `AlikeSetPoints`). If `needs_every_set_point` is True, the
+            argument `client` of `on_call` has the state before the alike set points.
     """
 
     needs_every_set_point: ClassVar[bool] = False
@@ -163,9 +163,7 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result.
-        `needs_every_set_point` decides whether `on_call` gets alike set points.
-        """
+        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
@@ -216,8 +214,9 @@ class RefusalReason(NamedTuple):
     Attributes:
         text: Value of the placeholder `reason` in the message `finding.refused.because`; None if no reason is
             known.
-        fact: Message that replaces `finding.refused` or `finding.refused.because`; None to keep that message.
-        clause: Message that replaces `clause.refused`; None to keep that message.
+        fact: Message that replaces the usual `finding.refused` or `finding.refused.because`; None for the
+            usual message.
+        clause: Message that replaces the usual `clause.refused`; None for the usual clause.
     """
 
     text: Message | None = None
@@ -236,8 +235,8 @@ ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"
 
 
 def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalReason:
-    """Return the reason for a refusal that an earlier call explains. `id` is the id of the message for the
-    reason.
+    """Return a `RefusalReason` with the call `earlier` as the explanation. `id` is the id of the message that
+    states the reason.
     """
     text = Message(id, call=call_place(earlier), at=Moment(earlier.request.time), **places)
     return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)

@@ -44,14 +44,14 @@ from bcapscope.traffic.observation import Transport
 
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""If the reply to a long call arrives within this time (in ns) after an attempt, earlier packets were lost,
-and the controller was fast.
-"""
+"""If the reply to an attempt arrives within this time (in ns), lost packets made the call long."""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client counts as gone only after a silence of this many times its longest earlier pause."""
+"""Minimum ratio of a silence to the client's longest earlier pause. After a shorter silence, the client does
+not count as gone.
+"""
 
 _SMALLEST_WDT_MS = 80
 
@@ -163,7 +163,7 @@ class SessionChecker(RuleChecker):
 
 
 def _may_have_left(session: SlaveSession) -> bool:
-    """Return whether the capture lacks the reply to an slvChangeMode after the client's last set point."""
+    """Return whether the client called slvChangeMode after its last set point, but no reply was captured."""
     last = session.last_set_point
     return any(
         call.reply_frame is None and call.command is not None and call.command.casefold() == "slvchangemode"
@@ -220,7 +220,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
     if call.kind.function_id == ID["Service_Start"] or is_rc7_code(code):
         return None
     if describe_hresult(code).level is not None:
-        return None  # the code is an error of the robot or the controller, so a session was open
+        return None  # the controller sends codes with an error level only in an open session
     start = client.failed_start
     if start is not None:
         case = "refused" if start.hresult else "serial-zero"
@@ -286,15 +286,17 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether calls of two clients can delay each other. Over UDP to the same controller address, they
-    can. Over TCP, they cannot.
+    """Return whether calls of two clients can delay each other. Calls over UDP to the same controller address
+    can delay each other; calls over TCP cannot.
     """
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call, if the controller may still have executed it at `call`."""
+    """Return the client's latest slow call, if the controller may have been busy with it when `call` was
+    sent.
+    """
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 

@@ -27,7 +27,7 @@ from bcapscope.traffic.observation import (
 )
 
 CHECKED_FROM_BYTES = 480
-"""Smallest size in bytes of the frames that are checked for their size."""
+"""Frames of at least this size in bytes are checked against `LARGEST_UDP_FRAME`."""
 
 
 _MAX_FLOWS = 4096
@@ -92,8 +92,8 @@ class WireChecker(RuleChecker):
             self.report_call("duplicate-frames", call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report that a capture holds the replies of a conversation, but not its requests. A few replies are
-        not enough, because the capture may have begun in the middle of a call.
+        """Report that a capture holds the replies of a conversation, but not its requests. Report only after
+        `_FEWEST_REPLIES` replies, because a capture can begin in the middle of a call.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:

@@ -9,22 +9,24 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag in cycles that can be found. At a cycle time of 8 ms, it is a quarter of a second."""
+"""Largest lag in cycles that can be found. With a cycle time of 8 ms, the largest lag is about a quarter of a
+second.
+"""
 
 _ROWS_AT_ONCE = 256
 """Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the worst lag's squared errors to those of the best lag. If the ratio is smaller, the axis
-moves too little to show the lag.
+"""Minimum ratio of the largest squared error to the smallest squared error among all lags. If this ratio is
+smaller, the axis moves too little to show a lag.
 """
 
 
 class AxisLag:
     """Estimates the lag at which the returned poses match the commanded poses best.
 
-    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. A
-    parabola through the errors of the best lag and its two neighbours gives the fraction of a cycle.
+    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. To
+    estimate fractions of a cycle, `AxisLag` fits a parabola to the errors of three neighbouring lags.
     """
 
     def __init__(self, axes: int) -> None:

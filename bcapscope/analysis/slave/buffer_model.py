@@ -15,10 +15,11 @@ The model is a prediction, not an observation. It assumes:
   the buffer before its reply arrives.
 
 The controller's phase is the moment in each period at which the controller takes a set point. A capture does
-not show this phase. If only one period lacks a set point, the phase may be the reason, so the model counts
-the underflow as possible, not as predicted. The model predicts an overflow only if the buffer would be full
-whatever the phase is. `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period,
-and the sources of these numbers.
+not show the controller's phase. If the buffer is empty in only one period, another phase could have avoided
+the underflow. Therefore an underflow of one period counts as possible, not as predicted. The model predicts
+an overflow only if the buffer would be full for every possible phase of the controller.
+`bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
+these numbers.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLO
 
 DEFAULT_SLOTS = 3
 """Number of buffer slots that the model assumes if the mode is unknown. Most modes of current controllers
-have this many.
+have three buffer slots.
 """
 
 _NS_PER_MS = 1_000_000
@@ -68,28 +69,29 @@ class PredictedUnderflow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BufferFacts:
-    """What the model predicts about the controller's buffer, and what the controller reported about it.
+    """What the model predicts about the controller's buffer, and what the controller reported about the
+    buffer.
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the set point that waits in the buffer; in such modes, an
-            empty buffer is not an error.
+        overwrites: Whether a new set point replaces the set point that waits in the buffer. If `overwrites`
+            is True, an empty buffer is not an error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
-        underflows: Number of predicted underflows, without the underflows that the controller's unknown phase
-            can explain.
+        underflows: Number of predicted underflows. The underflows in `possible_underflows` are not included.
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of underflows that last one period, and that the controller's unknown
-            phase can explain.
-        overflows: Number of set points for which the buffer was full, whatever phase the controller has.
+        possible_underflows: Number of underflows that last one period. An underflow of one period is
+            uncertain, because the controller's phase is unknown.
+        overflows: Number of set points that arrived while the buffer was full for every possible phase of the
+            controller.
         overflow_frames: Numbers of the request frames of the first predicted overflows.
         overwritten: Number of set points that were replaced before the controller took them; 0 if
             `overwrites` is False.
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
-        smallest_slack_ms: Shortest time in ms from the arrival of a set point until the buffer would have
-            been empty; negative if the buffer was already empty.
+        smallest_slack_ms: Smallest slack in ms of a set point: how much longer the buffer would have lasted
+            without the set point. The slack is negative if the buffer was already empty.
         smallest_slack_frame: Number of the request frame of the set point with the smallest slack; None for
             fewer than two set points.
         reported_underflows: Numbers of the first reply frames that report an underflow (0x84201482).
@@ -120,15 +122,15 @@ class BufferFacts:
 
 def slack_ms(slots: int) -> float:
     """Return the time in ms for which a full buffer lasts without a new set point: one period per slot. A
-    single slot lasts two periods, because it is refilled while the controller executes the previous set
-    point.
+    buffer with one slot lasts two periods: the slot holds a set point while the controller executes the
+    previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
 
 @dataclass(frozen=True, slots=True)
 class BufferBehaviour:
-    """How the controller's buffer behaves in one slave mode, and what the model assumes about it."""
+    """How the controller's buffer behaves in one slave mode, and what the model assumes about the buffer."""
 
     slots: int
     overwrites: bool
@@ -163,7 +165,7 @@ class BufferModel:
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # number of set points beyond the buffer's capacity, times the period in ns
+        self._excess_ns = 0  # time in ns: one period for each set point that exceeds the buffer's capacity
         self._empty_at = 0  # time when the controller will find the buffer empty if no set point arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []
@@ -180,15 +182,16 @@ class BufferModel:
         """Add one or more set points.
 
         Args:
-            moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if unknown.
+            moving: 1 if the robot was moving before the set point, 0 if the robot stood still, -1 if unknown.
 
         Returns:
-            For each set point, the time in ns from its arrival until the buffer would have been empty without
-                it. The time is negative if the buffer was already empty, and 0 for the very first set point.
+            Slack of each set point in ns: how much longer the buffer would have lasted without this set
+                point. The slack is negative if the buffer was already empty. The slack of the first set point
+                is 0.
         """
         if not self._last_frame:
             self._empty_at = int(rows.arrivals[0])
-        # If the controller sets the pace, a set point is in the buffer by the time of its reply.
+        # If the controller sets the pace, the controller replies only after the set point is in the buffer.
         in_buffer_by = (
             np.maximum(rows.arrivals, rows.replies) if self._behaviour.replies_pace else rows.arrivals
         )
@@ -202,8 +205,8 @@ class BufferModel:
         """Add several set points in one step, which is faster than one by one. If a set point is late,
         refused or beyond the capacity of the buffer, change nothing and return None.
 
-        Each set point makes the buffer last one period longer, up to its capacity. A running minimum over all
-        set points gives the time until which the buffer lasts.
+        Each set point makes the buffer last one period longer, up to the capacity of the buffer.
+        `np.minimum.accumulate` applies this capacity to all set points at once.
         """
         periods = np.arange(len(in_buffer_by) + 1) * _PERIOD
         latest = in_buffer_by + self._capacity_ns
@@ -260,7 +263,7 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointTable, index: int, empty_at: int) -> int:
-        """Correct the model by the result code of a reply. Return the time when the buffer will be empty."""
+        """Correct the model with a reply's result code. Return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -279,7 +282,9 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the levels and the smallest slack. The very first set point does not count."""
+        """Update the counts of buffer levels and the smallest slack. The first set point of a session is left
+        out.
+        """
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

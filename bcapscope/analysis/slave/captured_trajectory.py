@@ -94,8 +94,8 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Extracts trajectory steps from completed calls. The caller takes the finished steps from the list
-    `ready`.
+    """Extracts trajectory steps from completed calls, and appends the steps to the list `ready`. The caller
+    reads the steps from `ready` and empties this list.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self.ready: list[TrajectoryPiece] = []
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        # call numbers of the unselected set points that wait to be processed, in order
+        # numbers of set-point calls that are not selected and not yet processed; oldest first
         self._not_selected: dict[int, None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
@@ -127,7 +127,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_set_points(calls))
 
     def finish(self) -> None:
-        """Add the steps that are still waiting to `ready` when the traffic has ended."""
+        """Append the remaining steps to `ready`. Call this method at the end of the traffic."""
         self._detector.process_waiting()
 
     @property

@@ -33,7 +33,7 @@ twelve numbers.
 """
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
-"""The numbers of a pose and a time stamp, or the indexes of these numbers among all numbers of the frame."""
+"""Pose and time stamp in a frame: either their values, or their indexes among all numbers of the frame."""
 
 
 class PoseColumns:
@@ -73,8 +73,8 @@ class _ColumnTemplate:
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to these `rows` of `columns`. The frames must
-        match this template.
+        """Copy the pose and time stamp of each frame in `data` to `columns`. `rows` gives the row in
+        `columns` for each frame. The frames must match this template.
         """
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
@@ -92,8 +92,8 @@ class ColumnReader:
         """Create a reader of one argument.
 
         `pick` returns the pose and the time stamp in the argument. A missing pose is (), and a missing time
-        stamp is None. To learn a template, the reader calls `pick` with an argument in which each number is
-        replaced by its index. Therefore `pick` must not depend on the values of the numbers.
+        stamp is None. To learn a template, the reader calls `pick` with the index of each number instead of
+        the number. Therefore `pick` must not depend on the values of the numbers.
         """
         self._argument = argument
         self._pick = pick
@@ -157,7 +157,7 @@ class ColumnReader:
         return True
 
     def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
-        """Return the indexes of the pose's numbers and of the time stamp among all numbers of the frame."""
+        """Return where the pose and the time stamp are, as indexes into all numbers of the frame."""
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
         if sum(number_counts(arguments)) != len(places) or self._argument >= len(arguments):
             return (), None

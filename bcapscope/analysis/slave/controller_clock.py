@@ -18,9 +18,9 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""If time stamps advance by at least this number per ms of capture time, their unit is µs. The number is the
-geometric mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor a pause leads to the wrong
-unit.
+"""If time stamps advance by at least 30 per ms of capture time, their unit is µs. Time stamps in ms advance
+by 1 per ms, and time stamps in µs advance by 1000 per ms. The limit is about the geometric mean of 1 and
+1000.
 """
 
 
@@ -31,8 +31,8 @@ class ClockFacts:
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
-        unit_known_by: How the unit is known: from slvRecvFormat or, if that call was not captured, from how
-            fast the time stamps advance.
+        unit_known_by: Message that says what shows the unit: a captured slvRecvFormat call, or the rate at
+            which the time stamps advance.
         drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
             the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two

@@ -25,7 +25,7 @@ MAX_BYTES = 1 << 20
 """Maximum total size in bytes of the calls that are kept for each controller."""
 
 MAX_PENDING = 16
-"""For each controller, at most this many slave-mode sessions are kept that have no set point yet."""
+"""Maximum number of pending slave-mode sessions of one controller; a pending session has no set point yet."""
 
 _POSITIONS = {"curjnt": PoseType.J, "curpos": PoseType.P, "curtrn": PoseType.T}
 
@@ -64,15 +64,17 @@ class ControllerState:
             self._bytes_kept -= self.recent_calls.popleft().memory_bytes
 
     def calls_between(self, begin: int, end: int) -> list[Call]:
-        """Return the kept calls that overlap the time from `begin` to `end`, sorted by request."""
+        """Return the calls in `recent_calls` that overlap the time from `begin` to `end`, sorted by request
+        time.
+        """
         found = [
             call for call in self.recent_calls if call.request.time <= end and call.last_activity >= begin
         ]
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Keep a session until its first set point. If there are too many, drop and return the oldest;
-        otherwise return None.
+        """Add a session without set points to `pending_sessions`. If `pending_sessions` is full, remove and
+        return its oldest session; otherwise return None.
         """
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:

@@ -18,7 +18,7 @@ MAX_LOST = 0.01
 
 
 class Fitness(NamedTuple):
-    """Whether a connection is fast enough for one period of set points."""
+    """Whether a connection is fast enough to send one set point every `period_ms`."""
 
     period_ms: float
     fit: bool

@@ -41,8 +41,8 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Minimum strength of the clue to the controller's generation. If the clue is weaker, no set point is
-reported for the number type of another generation.
+"""Minimum strength of a clue to the controller's generation. With a weaker clue, bcapscope does not report
+that a set point has the number type of another generation.
 """
 
 # Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
@@ -68,7 +68,9 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return the clue in the number type of a set point: RC8 and later take double precision, RC7 single."""
+    """Return what the number type of a set point shows about the controller's generation. RC8 and later take
+    double precision; RC7 takes single precision.
+    """
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
         first = value[0]

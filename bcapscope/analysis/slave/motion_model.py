@@ -29,10 +29,10 @@ from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 
 JUMP_TIMES = 5.0
-"""Minimum ratio of an isolated jump to the larger of the steps before and after it.
+"""A step is an isolated jump if it is more than five times as large as each neighbouring step.
 
-No robot can change its speed this much within 8 ms. At the start of a normal motion, only the step before a
-large step is small; at the end, only the step after it.
+No robot can change its speed this much within 8 ms. In a normal motion, at most one neighbour of a large step
+is small.
 """
 
 SMALLEST_JUMP = 0.2
@@ -51,7 +51,9 @@ _TURN = 360.0
 
 
 class Peak(NamedTuple):
-    """The largest value of a figure, and the number of the request frame in which this value occurs."""
+    """The largest value, such as the highest velocity, and the number of the request frame in which it
+    occurs.
+    """
 
     value: float
     frame: int
@@ -126,19 +128,19 @@ class Jump(NamedTuple):
 class MotionFacts:
     """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
-    The facts leave out set points that the controller refused because its buffer was full. The client sends
-    these set points again.
+    If the controller refuses a set point because the buffer is full, the client sends the set point again.
+    The facts leave out set points that the controller refused because of a full buffer.
 
     Attributes:
         read: Number of set points with a readable pose.
-        unread: Number of set points with an unreadable pose or a pose of another type.
+        unread: Number of set points whose pose is unreadable or of another type.
         not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
         repeated: Number of set points that are equal to the previous set point.
-        stutters: Number of repeated set points in the middle of a motion. At each of them, the robot has to
-            stop for one period.
+        stutters: Number of repeated set points in the middle of a motion. Each stutter makes the robot stop
+            for one period.
         stutter_frames: Numbers of the request frames of the first stutters.
         jumps: Number of jumps of all kinds (see `JumpKind`).
         figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for
@@ -236,17 +238,18 @@ class MotionModel:
         self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
         self._steps, self._changes, self._differences = (_FigureByAxis(count) for _ in range(3))
         self._lag = AxisLag(count)
-        # The last four set points that were added; the search for jumps needs the steps around a jump.
+        # `_find_jumps` compares a step with its neighbours, so the last four set points are kept.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
     def add(self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns) -> None:
         if self._start is None:
             self._start = self._start_distance(rows, commanded, returned)
-        readable = commanded.has_pose & bool(self._axes) & (rows.codes != E_SLAVE_OVERFLOW)
+        taken = rows.codes != E_SLAVE_OVERFLOW
+        readable = taken & commanded.has_pose & bool(self._axes)
         finite: Bools = np.logical_and.reduce(np.isfinite(commanded.poses), axis=1)
         good = readable & finite
-        self._unread += int((~readable).sum())
+        self._unread += int((taken & ~readable).sum())
         self._list_not_finite(rows.frames[readable & ~finite].tolist())
         self._read += int(good.sum())
         poses, frames, times = commanded.poses[good], rows.frames[good], rows.origin + rows.times[good]
@@ -311,9 +314,7 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in the middle of a motion. Earlier calls examined the steps before index
-        `new`.
-        """
+        """Find repeated set points in the middle of a motion. The new steps begin at index `new`."""
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -323,7 +324,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. Earlier calls examined the steps before index `new`."""
+        """Find jumps of each kind. The new steps begin at index `new`."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -331,7 +332,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # do not count the step before a counted jump as an outlier
+        counted[:-1] |= counted[1:]  # ignore the step before each jump in the search for outliers
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
@@ -357,7 +358,9 @@ class MotionModel:
         return steps
 
     def facts(self, grid_ms: float) -> MotionFacts:
-        """Return the facts so far, computed as if the client sent one set point every `grid_ms`."""
+        """Return the facts about all set points added so far. Velocities and accelerations assume one set
+        point every `grid_ms`.
+        """
         start = self._start or _StartDistance()
         return MotionFacts(
             read=self._read,

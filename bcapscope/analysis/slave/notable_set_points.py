@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_LISTED = 64
-"""Maximum number of entries in each list of notable set points. Most lists keep the first entries."""
+"""Maximum number of entries in each list of notable set points. If there are more notable set points, most
+lists contain only the first `MAX_LISTED`.
+"""
 
 
 class SetPointFact(NamedTuple):

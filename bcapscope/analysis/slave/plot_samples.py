@@ -12,7 +12,7 @@ from bcapscope.analysis.statistics.distribution import Floats
 MAX_SAMPLES = 2048
 """Maximum number of samples of a slave-mode session: more than the width of a plot in pixels."""
 
-# Columns before the poses of a sample: time and frame of its first set point, number of set points, extremes.
+# Indexes of the columns of a sample. The columns from `_HEAD` on contain the poses.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
 _HEAD = 7
 

@@ -35,10 +35,10 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of the client that sends the set points; until the first set point
-            arrives, of the client that entered slave mode.
+        key: Conversation and robot handle of the client that sends the set points. Before the first set
+            point, the key belongs to the client that entered slave mode.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
-        error_exit: End of the session, if an error ended it and no later set point was accepted.
+        error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
         last_accepted: Time when the latest accepted set point was first sent, ns since 1970; None if no
             processed set point was accepted.
@@ -87,9 +87,9 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the latest reply or, without a reply, of the latest set point, ns since 1970; 0 if unknown.
-        The time is never before `entered_at`, although a client that does not wait for the reply to
-        slvChangeMode sends set points earlier.
+        """Time of the latest set point or of its reply, whichever is later, ns since 1970; 0 if unknown.
+        `last_activity` is at least `entered_at`, even if the client sent set points before slvChangeMode was
+        answered.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -111,7 +111,7 @@ class SlaveSessionBuilder:
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a copy of this builder that has processed the set points in the batch."""
+        """Return a builder that includes the set points of the batch. Leave this builder unchanged."""
         if not self.batch:
             return self
         processed = copy.copy(self)
@@ -141,8 +141,8 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the session with the end `exit_`. Set points that still wait in the batch are
-        not included.
+        """Return the facts as a `SlaveSession`; `exit_` describes how the session ended. Set points that
+        still wait in the batch are not included.
         """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window

@@ -38,19 +38,15 @@ arrive.
 """
 
 SILENCE_NS = 1_000_000_000
-"""A client counts as stopped if its last set point and the reply to it are more than this time in ns before
-the end of the capture.
+"""If a session is silent for longer than this time in ns when the capture ends, the client counts as stopped.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time in ns from a failed call that ended slave mode to the reply that shows that slave
-mode is off.
-"""
+"""Maximum time in ns between a failed call that ended slave mode and the reply that shows slave mode off."""
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
-No source gives this time. The value is 25 cycles of 8 ms, because a controller may first stop the robot on
-its path.
+No source gives this time. The value is an estimate: the robot may brake along its path for 25 cycles of 8 ms.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
@@ -59,13 +55,13 @@ after its end.
 """
 
 MAX_SESSIONS = 64
-"""Maximum number of open sessions. If there are more, the detector ends the session that was
+"""Maximum number of open sessions. If there are more open sessions, the detector ends the session that was
 silent longest.
 """
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended sessions that are held back. If there are more, the detector returns the oldest at
-once.
+"""Maximum number of ended sessions that are held back. If more ended sessions are held back, the detector
+returns the oldest session immediately.
 """
 
 MAX_CONTROLLERS = 64
@@ -157,7 +153,8 @@ class SlaveSessionDetector:
         nothing.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time counts.
+            ended_at: Time in ns since 1970. The traffic ended at `ended_at` or at the last frame, whichever
+                is later.
         """
         # Cached, because a live diagnosis needs the result twice; computing it can take 13 ms.
         unfinished = self._unfinished
@@ -169,7 +166,9 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process all set points that are still in batches, which also passes them to `on_set_points`."""
+        """Process all set points that still wait in batches. Each processed set point is also passed to
+        `on_set_points`.
+        """
         for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
             self._process_batch(builder)
 
@@ -320,7 +319,7 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a session. If an error ended the session earlier, that error remains the end."""
+        """End a session. If the session has an `error_exit`, ignore `exit_`."""
         controller = self._controller_of(builder)
         if self._active.pop(builder.key, None) is not None:
             controller.position = None
@@ -357,7 +356,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # some set points may still wait: `_begin_session` can add set points to a session after its end
+        # include set points that may still wait in the batch of the session
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -390,8 +389,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a session ended. If its set points do not show the reason, search the
-    other calls.
+    """Return why and when a session ended. If the set points do not show why the session ended, search the
+    controller's other calls.
     """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):

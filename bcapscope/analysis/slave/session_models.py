@@ -38,7 +38,7 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 
 MAX_CODES = 256
-"""Maximum number of HRESULTs that are counted separately. All others count as HRESULT 0."""
+"""Maximum number of HRESULTs that are counted separately. Further HRESULTs are counted as HRESULT 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -55,7 +55,7 @@ class SlaveSetup(NamedTuple):
     """Facts that are known before the first set point: slave mode, formats and the robot's position.
 
     Attributes:
-        known_by: Name of the command that showed `mode_value`.
+        known_by: Name of the command, such as slvChangeMode, from which `mode_value` is known.
     """
 
     mode_value: int | None

@@ -67,7 +67,7 @@ class FrameBytes:
         return found
 
     def clear(self) -> None:
-        """Remove all frames. The common size stays the same for the next frames."""
+        """Remove all frames. The attribute `size` does not change."""
         self.data = bytearray()
         self.odd_sized = {}
 
@@ -95,8 +95,8 @@ class SetPointBatch:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each irregular set point. A set point is irregular if it was retried, was
             not answered with S_OK, or has a frame of unusual size.
-        other_attempts: Number of attempts of the client's other calls that were captured just before a set
-            point. The key is the index of the set point.
+        other_attempts: For each set point (by index) that follows other calls of the client, the number of
+            attempts of these calls.
     """
 
     def __init__(self) -> None:

@@ -71,7 +71,9 @@ class SetPointTable:
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the columns of a batch, which must not be empty, with times relative to `origin`."""
+    """Return the set points of a batch as columns, with times relative to `origin`. The batch must not be
+    empty.
+    """
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

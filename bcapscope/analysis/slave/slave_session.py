@@ -59,11 +59,11 @@ class KnownMode(NamedTuple):
     Attributes:
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
-        meaning: The slave mode that `value` means on controllers of this generation. If the generation is
-            unknown, it is the meaning on an RC8. None if `value` is undefined or unknown.
-        guessed: Whether `meaning` is the meaning on an RC8, because the generation is unknown.
-        pose_type: Pose type of the set points; it follows from the mode or, if the mode is unknown, from the
-            number of values in a pose.
+        meaning: Slave mode that `value` selects on this generation of controllers; None if `value` is
+            undefined or unknown. If the generation is unknown, `meaning` is a slave mode of the RC8.
+        guessed: True if `meaning` assumes an RC8, because the generation is unknown.
+        pose_type: Pose type of the set points. If the mode is unknown, the number of values in a pose shows
+            the pose type.
     """
 
     value: int | None
@@ -100,8 +100,8 @@ class ExitReason(StrEnum):
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """The controller refused a set point because slave mode was off. Before that, another call of any client
-    had failed with an error that ends slave mode.
+    """A call other than a set point failed with an error that ends slave mode. After this error, the
+    controller refused a set point because slave mode was off.
     """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""

@@ -24,8 +24,8 @@ FAST_GRID_MS = 1
 """
 
 FAST_BELOW_MS = 3.0
-"""Limit in ms, about the geometric mean of 1 ms and 8 ms. A session whose median cycle time is shorter has a
-period of 1 ms.
+"""If the median cycle time of a session is below this limit in ms, the session has a period of 1 ms. The
+limit is about the geometric mean of the periods 1 ms and 8 ms.
 """
 
 MAX_SLOWEST = 16

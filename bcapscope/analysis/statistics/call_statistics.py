@@ -21,23 +21,25 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. Further call kinds of a client
-count as `OTHER_KINDS`.
+"""Maximum number of pairs of client and call kind that are counted separately. Beyond this number, new call
+kinds of a client are counted together as `OTHER_KINDS`.
 """
 
 MAX_CODES = 16
-"""Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
+"""Maximum number of result codes that are counted separately for each kind of call. Further codes share one
+count.
+"""
 
 GRACE_NS = 200_000_000_000
-"""Time in ns from the end of a slice until all its calls are complete. If a call gets no further frame, a
-tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
+"""Time in ns after which all calls of a time slice are complete, counted from the end of the slice. If a call
+gets no further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
 """Stands for all further kinds of call if there are more than `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Stands for all further clients once there are twice `MAX_KINDS` pairs of client and call kind."""
+"""Stands for all clients beyond the limit of twice `MAX_KINDS` pairs of client and call kind."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -120,8 +122,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes, which are nearly all calls, are collected, and
-    `flush` counts them together.
+    """Counts calls of one kind. Nearly all calls are plain successes. `flush` counts many plain successes
+    together, which is faster than one by one.
     """
 
     def __init__(self) -> None:
@@ -240,8 +242,8 @@ class StatisticsBuilder(PipelineSubscriber):
         self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
-        """Return the figures so far; None if no call was counted. The rates are for the period from `start`
-        to `end`, ns since 1970; by default, it covers the captured calls.
+        """Return the figures so far; None if no call was counted. The rates refer to the period from `start`
+        to `end`, in ns since 1970. By default, this period covers all counted calls.
         """
         if self._start is None:
             return None
@@ -284,9 +286,9 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    Captures are not always read in chronological order. If a call starts more than `GRACE_NS`
-    before the latest call, all slices so far are completed. If a call belongs to a slice that is already
-    completed, it is returned later in a second slice for the same time.
+    Captures are not always read in chronological order. If a call starts more than `GRACE_NS` before the
+    latest call, `add_call` returns all unfinished slices. If the slice of a call was already returned,
+    `add_call` begins a second slice for the same time.
     """
 
     def __init__(self, nanoseconds: int) -> None:

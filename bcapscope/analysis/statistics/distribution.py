@@ -14,8 +14,8 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""Maximum number of values that a histogram keeps exactly. If there are more, all values are
-counted in bins.
+"""Maximum number of values that a histogram keeps exactly. A histogram with more values counts all its values
+in bins.
 """
 
 _PER_OCTAVE = 128

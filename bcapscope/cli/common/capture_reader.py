@@ -83,7 +83,7 @@ class CaptureReader(CaptureInput):
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
-            raise click.UsageError("give captures, - for standard input, or an interface with -i")
+            raise click.UsageError("give captures or '-' (standard input), or give an interface with -i")
         reads_stdin = STDIN in (*paths, text)
         if reads_stdin and sys.stdin is None:
             raise click.UsageError("standard input is closed")
@@ -167,8 +167,8 @@ class CaptureReader(CaptureInput):
     def citing_words(self) -> MessageFormatter:
         """Return the formatter for the command's messages.
 
-        If several captures are read, the formatter adds to each frame number the capture and packet of the
-        frame.
+        If the command reads several captures, the formatter names the capture and the packet after each frame
+        number.
         """
         return self._words if len(self.captures.paths) < 2 else self._words.for_captures(self._find_frame)
 
@@ -297,7 +297,7 @@ class CaptureReader(CaptureInput):
 
 
 class _Interrupted(Exception):
-    """Ctrl-C ended reading, possibly inside a packet. The capture then does not count as incomplete."""
+    """Ctrl-C ended reading. Even if Ctrl-C came inside a packet, the capture does not count as incomplete."""
 
 
 def _is_file(stream: TextIO) -> bool:

@@ -1,6 +1,4 @@
-"""Options of commands that print chosen fields as columns, and the values of fields that depend on the
-captures.
-"""
+"""Options and renderer of commands that print chosen fields as columns."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ def columns_option(kind: RecordKind) -> Decorator:
 wide_option = click.option(
     "--wide",
     is_flag=True,
-    help="On a terminal, do not fold long lines. With --columns, do not cut them.",
+    help="On a terminal, do not fold long lines. With --columns, do not cut long lines.",
 )
 
 

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class FigureArguments:
-    """The arguments of a command that prints figures.
+    """The arguments of a command that prints statistics, such as `stats` or `slave`.
 
     `window` is the length of a time window in ns; None means the whole capture.
     """

@@ -27,11 +27,11 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
-"""Maximum number of calls or rounds. At one call every 8 ms, this number of calls takes three months."""
+"""Maximum number of calls or rounds. At one call every 8 ms, a billion calls take three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Largest value that a numeric option accepts by default. This is a quarter of an hour for an option in ms,
-and eleven days for an option in s.
+"""Largest value that a numeric option accepts by default. A million ms is a quarter of an hour, and a million
+s is eleven days.
 """
 
 
@@ -149,7 +149,7 @@ side = click.option(
     type=click.Choice(["client", "controller"]),
     callback=parsed_by(lambda value: CapturePlace[f"{value.upper()}_SIDE"]),
     help="Show one side of a conversation that was captured at two places, such as on both legs of a proxy. "
-    "By default, bcapscope joins both sides.",
+    "By default, bcapscope joins the client's side and the controller's side.",
 )
 
 taken_at = click.option(
@@ -255,7 +255,7 @@ def output_option(help_: str, allow_dash: bool = False) -> Decorator:
 
 
 class _RecordPath(click.Path):
-    """Option type for the path of a new file or a named pipe. The option does not open it."""
+    """Option type for the path of a new file or a named pipe."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
@@ -283,5 +283,5 @@ def display_filter_option(what: str) -> Decorator:
     return click.option(
         "--display-filter",
         is_flag=True,
-        help=f"Below each {what}, show the Wireshark display filter that selects its packets.",
+        help=f"Below each {what}, show the Wireshark display filter for the packets of the {what}.",
     )

@@ -33,9 +33,9 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that has a temporary name until `commit` renames it. Its folder does not change.
 
-    Without `commit`, the file is removed at the end of the `with` block. After `interrupt_on_end_signals`, it
-    is removed even if a signal ends the command. The file is open only during a write, so the limit of open
-    files does not matter.
+    Without `commit`, the file is removed at the end of the `with` block. If the command called
+    `interrupt_on_end_signals`, the file is removed even if a signal ends the command. The file is open only
+    during a write, so the limit of open files does not matter.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,5 +69,5 @@ class AtomicFile:
 
     def __exit__(self, *_: object) -> None:
         """Remove the file unless it was committed."""
-        with suppress(OSError):  # There is no file if it was committed or never created.
+        with suppress(OSError):  # The temporary file does not exist after `commit` or without a `write`.
             self._temporary.unlink()

@@ -16,8 +16,8 @@ _SHOWN_AFTER = 1.0
 
 
 class ReadProgressBar:
-    """Shows how much of a file was read, after one second of reading. The bar is shown only if stderr is a
-    terminal and stdout is not.
+    """Shows how much of a file was read. The bar appears after one second, if stderr is a terminal and stdout
+    is not.
     """
 
     def __init__(self) -> None:

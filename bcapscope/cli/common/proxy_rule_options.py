@@ -89,9 +89,10 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Make the rules report to the relay. With --control, open the control socket and return its server.
+        """Pass the messages of the rules to the user through the relay. With --control, open the control
+        socket and return the control server.
 
-        Clients of the control socket can also read the entries of `state`.
+        Clients of the control socket can also read the values in `state`.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -148,9 +149,7 @@ class RuleOptions:
 
 
 _TYPED = f"{__name__}.typed"
-"""Key of the rule options in the dict `meta` of click's context. The value holds the rule options as the user
-typed them.
-"""
+"""Key under which the dict `meta` of click's context keeps the rule options that the user typed."""
 
 
 def _make_rule_options(
@@ -265,8 +264,8 @@ _OPTIONS = (
         help="Refuse unknown requests, and requests that energise or move the robot or change its state. "
         "The client gets E_ACCESSDENIED. The proxy always forwards stops: Robot_Halt, Robot_Hold, Task_Stop, "
         "Command_Cancel, HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and "
-        "Service_Stop. It also forwards Controller_Connect, because clients need its handle to read "
-        "anything.",
+        "Service_Stop. The proxy also forwards Controller_Connect, because clients need the controller's "
+        "handle to read anything.",
     ),
     click.option(
         "--block",

@@ -55,8 +55,8 @@ def run_app(*screens: ScreenEntry) -> None:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command. When that process calls this
-    function, the function returns immediately.
+    Each browser page gets its own process, which runs the same command. In the process of a browser page,
+    `serve_screen` returns immediately.
     """
     if _DRIVER in os.environ:
         return

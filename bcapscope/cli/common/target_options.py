@@ -67,9 +67,11 @@ _OPTIONS = (
         "--convention",
         type=click.Choice([each.value for udp in (True, False) for each in client_conventions(udp)]),
         callback=_convention,
-        help="Fill the reserved field by this convention. UDP: seed (first attempt 0, retries the first "
-        "serial), own (first attempt its own serial, retries the first serial), chain (first attempt 0, "
-        "retries the previous serial). TCP: tcp0 (0), tcp1 (1). Default: seed on UDP, tcp0 on TCP.",
+        help="Fill the reserved field of requests by this convention. "
+        'On UDP, "seed" writes 0 into the first attempt, and the serial of the first attempt into retries. '
+        '"own" writes the serial of the first attempt into all attempts. '
+        '"chain" writes 0 into the first attempt, and the serial of the previous attempt into a retry. '
+        'On TCP, "tcp0" writes 0, and "tcp1" writes 1. The default is "seed" on UDP and "tcp0" on TCP.',
     ),
     click.option(
         "--service",
@@ -112,8 +114,8 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Decorator that adds the argument HOST and the connection options. The command gets them as one argument
-`target`.
+"""Decorator that adds the argument HOST and the connection options. The decorated command gets HOST and the
+options as one argument `target`.
 """
 
 optional_target_options = _target_options(
@@ -146,7 +148,7 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
 
 def _can_be_resolved(host: str) -> bool:
     try:
-        # the operating system's resolver encodes host names with the same codec
+        # `socket.getaddrinfo` also encodes host names with the codec "idna"
         return bool(host.encode("idna"))
     except UnicodeError:
         return False

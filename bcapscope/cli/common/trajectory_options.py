@@ -83,7 +83,7 @@ _OPTIONS = (
         "--index",
         metavar="N",
         type=options.IntegerRange(1, options.LARGEST_COUNT),
-        help="Choose the trajectory with this number, from 1, if the file contains several.",
+        help="Choose one of several trajectories in the file; 1 is the first trajectory.",
     ),
     click.option("--pose", type=click.Choice([kind.value for kind in PoseType]), help="Read this pose type."),
     click.option("--columns", metavar="AXES", help="Read these columns, counted from 1: time=1,J1..J6=2..7."),

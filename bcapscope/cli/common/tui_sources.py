@@ -170,8 +170,8 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the `with` block. Then print the rest of
-    its output.
+    """Run a bcapscope command as a child process during the `with` block. At the end of the block, terminate
+    the child process and print its remaining output.
     """
     try:
         child = ChildProcess(*words, "--lang", current_language())

@@ -72,7 +72,8 @@ class Argument(NamedTuple):
 
 
 class NumberSpan(NamedTuple):
-    """Position of adjacent numbers in a frame: `repeat` numbers of struct format `code`, at offset `start`.
+    """Adjacent numbers in a frame. `start` is the offset of the first number. `code` is the struct format of
+    each number. `repeat` is how many numbers the span has.
 
     For the data of a UI1 array, `code` is ``s`` and `repeat` is the number of bytes.
     """
@@ -85,12 +86,12 @@ class NumberSpan(NamedTuple):
 class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
-    The next argument begins where the value of the previous one ends. DENSO's present libraries (orin_bcap C,
+    An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore an argument's length field. The reader therefore only checks that the length
-    field agrees with the value. If a value has no valid end, the reader reads the value again, and this time
-    stops where the length field says, as the older C client does. Afterwards, the reader respects the length
-    fields of all following arguments. No byte therefore belongs to two values, and the reader reads no byte
-    more than twice.
+    field agrees with the value. If a value has no recognisable end, the reader reads this value a second
+    time. The second reading ends where the length field says. Afterwards, the reader respects the length
+    field of every argument, as the older C client does. Two values never share a byte, and the reader reads
+    each byte at most twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.
@@ -145,7 +146,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
         if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
             self._trusts_lengths = True
-            variant = EMPTY  # free the memory of the value before it is read a second time
+            variant = EMPTY  # release the memory of the first reading before the second reading
             del self.problems[known:]
             self._numbers_left, self._values_left = left
             self._limit_reached = False

@@ -7,7 +7,7 @@ DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
 
 
 class ByteBudget:
-    """Limits the memory of several buffers. `held` is the number of bytes that they hold together."""
+    """Limits the memory of several buffers. `held` is the total number of bytes in these buffers."""
 
     def __init__(self, limit: int = DEFAULT_BYTE_BUDGET) -> None:
         self.limit = limit

@@ -156,8 +156,9 @@ class Frame:
     def template_match(self) -> tuple[FrameTemplate, FrameNumbers] | None:
         """The template of this frame and the frame's own numbers; None for a frame without a template.
 
-        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. Use this
-        property to process millions of frames, because `arguments` creates an object for each value.
+        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. For millions of
+        frames, `template_match` is faster than `arguments`, because `arguments` creates an object for each
+        value.
         """
         if self.external_problem is not None:
             return None
@@ -224,9 +225,9 @@ def parse_captured_datagram(
     """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to this
     frame.
 
-    A valid datagram holds exactly one frame. DENSO's C server and client compare the length of the frame with
-    the number of received bytes. If these differ, the C server stops its UDP service (orin_bcap
-    C/src/bCAPServer/bcap_server.c).
+    A valid datagram holds exactly one frame. DENSO's C server and client compare the frame's length field
+    with the number of received bytes. If the length field does not match the size of the datagram, the C
+    server stops its UDP service (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -288,8 +289,8 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Return the bytes of a frame whose only argument is a short array of numbers, such as a reply to
-    slvMove; None if `row` is anything else.
+    """Encode a frame quickly if its only argument is a short array of numbers, as in a reply to slvMove.
+    Return None for any other `row`.
     """
     vt, values, count = row
     if (
@@ -307,9 +308,7 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs a frame with `count` numbers, and the sizes of this frame and its
-    argument.
-    """
+    """Return the packing function, the frame size and the argument size for a frame with `count` numbers."""
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 

@@ -3,7 +3,7 @@ decoded in full.
 
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in the serial, the reserved
 field and the numbers inside their arguments. If a frame has several arguments, the first argument is a
-handle. The template contains the handle, because a session uses few handles.
+handle. A session uses few handles, so frames with different handles have different templates.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""If one argument holds all numbers: the values before it, its filler, its prototype, and the values after
-it.
+"""Plan for a frame in which only one argument holds numbers. The plan holds the preceding values, the
+function that fills the argument, the value to fill, and the following values.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
@@ -39,8 +39,8 @@ MAX_SHAPES_PER_LENGTH = 8
 
 
 class _FrameShape:
-    """Positions of the numbers, the serial and the reserved field in frames of one length. All other bytes
-    identify the template.
+    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field. The
+    bytes at all other positions identify the template.
     """
 
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
@@ -65,16 +65,18 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """Holds the parts that similar frames share. They come from one valid frame that was decoded in full.
+    """Holds the parts that similar frames share. bcapscope learns each template from one valid frame that was
+    decoded in full.
 
     A frame that differs from the learnt frame only in the serial, the reserved field and the numbers is valid
     too: its length, EOT and arguments conform to b-CAP.
 
     Attributes:
-        prototype: Arguments of the learnt frame; their numbers are only placeholders.
+        prototype: Arguments of the learnt frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
-        mask: For each byte of a frame, 0 if it may differ between frames, otherwise 255.
-        fixed_parts: Function that returns the bytes of a frame that must be the same in all frames.
+        mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
+        fixed_parts: Function that takes the bytes of a frame, and returns the parts that all matching frames
+            share.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
@@ -111,7 +113,9 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame that has these `numbers`, in the order of the frame."""
+        """Return the arguments of a frame that matches this template. `numbers` are the frame's numbers in
+        order.
+        """
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
@@ -135,7 +139,7 @@ class FrameTemplate:
 class FrameTemplates:
     """Decodes frames, and learns templates from these frames. The templates need only bounded memory.
 
-    Decoding is fast if all frames of one source share one `FrameTemplates` object.
+    Decoding is fast if all frames of one capture or connection share one `FrameTemplates` object.
     """
 
     def __init__(self) -> None:
@@ -158,8 +162,8 @@ class FrameTemplates:
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
         """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        Programs often decode the same `raw` object several times in a row. Therefore the content of the last
-        two frames without a template is cached, usually a request and its reply.
+        Programs often decode the same `raw` object several times in a row. `_recent` caches the last two
+        frames without a template, which are usually a request and its reply.
         """
         for content in self._recent:
             if content.raw is raw:

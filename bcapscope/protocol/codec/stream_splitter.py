@@ -22,9 +22,9 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Some frames have a length field that their arguments do not confirm. The splitter waits for the rest of
-such a frame only if the length is at most this number of bytes. Frames of real sessions are below 10 KiB.
-With this limit, a corrupted length field delays at most 64 KiB of the stream instead of the whole stream.
+"""Maximum length in bytes of a frame whose length field the arguments do not confirm. Frames of real sessions
+are below 10 KiB. With this limit, a corrupted length field delays at most 64 KiB of the stream instead of the
+whole stream.
 """
 
 LARGEST_GARBAGE = 64 * 1024
@@ -46,7 +46,7 @@ examine the same bytes many times.
 """
 
 _TAILS = (1, 2, 3)
-"""Possible numbers of bytes after the last argument: EOT, mode byte and EOT, CRC and EOT."""
+"""Possible numbers of bytes after the last argument: 1 (EOT), 2 (mode byte, EOT) or 3 (CRC, EOT)."""
 
 
 class StreamPiece(NamedTuple):
@@ -65,9 +65,9 @@ class StreamPiece(NamedTuple):
 
 class _Trust(Enum):
     CONFIRMED = auto()
-    """The arguments end where the length field says, or the frame is compressed."""
+    """The arguments end where the length field says. Every compressed frame also counts as `CONFIRMED`."""
     UNCONFIRMED = auto()
-    """The length field is possible, but the arguments do not confirm it."""
+    """The number in the length field is plausible, but the arguments do not confirm this number."""
     NONE = auto()
     """No frame begins here."""
     INCOMPLETE = auto()
@@ -126,7 +126,8 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """If `data` is exactly one frame, do the same as `feed`, but faster. This case is the most frequent.
+        """If `data` is exactly one frame, do the same as `feed`, but faster. Most segments of a stream hold
+        exactly one frame.
 
         For other `data`, return None and consume nothing; the program then passes `data` to `feed`.
         """
@@ -244,7 +245,7 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return how certain it is that a frame begins at `pos`, and its length; 0 if unknown."""
+        """Return the trust in a frame at `pos`, and the length of the frame. The length is 0 if unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0

@@ -179,8 +179,8 @@ def _encode(variant: Variant, depth: int) -> bytes:
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> Callable[..., bytes]:
-    """Return a function that packs the type, the element count and `count` numbers. One step is faster than
-    separate steps.
+    """Return a function that packs the type, the element count and `count` numbers. One call that packs all
+    fields is faster than one call per field.
     """
     return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 

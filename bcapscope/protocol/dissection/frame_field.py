@@ -39,7 +39,7 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the field for the bytes of an argument that do not belong to its value."""
+"""Name of the field for the unreadable rest of an argument."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
@@ -77,12 +77,11 @@ class FrameField:
 def frame_fields(
     frame: Frame, is_request: bool, function_id: int | None = None, command: str | None = None
 ) -> tuple[FrameField, ...]:
-    """Return the fields of a frame, from SOH to EOT. Their offsets refer to `Frame.body`.
+    """Return the fields of a frame, from SOH to EOT. The offsets of the fields refer to `Frame.body`.
 
-    The fields without children together cover every byte exactly once, even in a damaged frame. If EOT is
-    missing, its field has no bytes; if EOT is damaged, its field has the damaged byte. For a compressed
-    frame, this function returns the fields of the unpacked content; `envelope_fields` returns the fields on
-    the wire.
+    Every byte belongs to exactly one field without children, even in a damaged frame. If EOT is missing, its
+    field has no bytes; if EOT is damaged, its field has the damaged byte. For a compressed frame, this
+    function returns the fields of the unpacked content; `envelope_fields` returns the fields on the wire.
 
     For a reply, `function_id` and `command` come from the request; both are None if the request was not
     captured.
@@ -119,7 +118,7 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
 
 
 def _envelope_problems(frame: Frame) -> list[Problem]:
-    """Return the problems of a compressed frame that have offsets in `Frame.raw`."""
+    """Return the problems whose offsets refer to `Frame.raw`; empty if the frame is not compressed."""
     if frame.reserved != 1 or frame.framing is not Framing.VERSION_1_ZLIB:
         return []
     return [
@@ -189,7 +188,7 @@ class _FieldBuilder:
         problems: tuple[Problem, ...] = (),
         children: Sequence[FrameField] = (),
     ) -> FrameField:
-        """Return a field with the problems found in its bytes, followed by `problems`."""
+        """Return a field. The problems of the field are those in its byte range, followed by `problems`."""
         found = (*self.problems_within(start, stop), *problems)
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
@@ -200,7 +199,9 @@ class _FieldBuilder:
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose doubled offsets (see `_doubled_place`) are in a range."""
+        """Return the problems whose sort keys are in a range. `_doubled_place` computes the sort key of a
+        problem.
+        """
         placed = self._placed
         if not placed:
             return ()
@@ -290,7 +291,9 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return twice a problem's offset, minus 1 if a value is truncated at the end of its argument."""
+    """Return a sort key for a problem: its offset times two. If a value is truncated at the end of its
+    argument, the sort key is 1 lower. The lower key assigns the problem to this argument.
+    """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off
 

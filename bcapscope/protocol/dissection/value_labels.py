@@ -75,8 +75,8 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""For each field of `SetPoint` and `Feedback`, the labels of its elements. The fields have the same order as
-the elements.
+"""Labels of the elements that each field of `SetPoint` and `Feedback` describes. `SetPoint` and `Feedback`
+list their fields in the order of the elements of slvMove's value.
 """
 
 
@@ -172,7 +172,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join meanings into one text with the message `id`, which joins two texts; "" if there are none."""
+    """Join `meanings` into one message. The template of the message `id` joins two texts at a time."""
     if not meanings:
         return ""
     *others, found = meanings

@@ -49,7 +49,7 @@ class RetryPolicy(NamedTuple):
 
 
 def _is_complete(frame: Frame) -> bool:
-    """Return whether all bytes of the frame are present. The frame may have other problems."""
+    """Return whether no byte of the frame is missing. A complete frame may still contain wrong bytes."""
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
@@ -216,7 +216,9 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply after that is a late reply."""
+        """Give up the call in progress and return its attempts. A reply that arrives after `abandon` is a
+        late reply.
+        """
         self.deadline = None
         return self._attempt_snapshots()
 

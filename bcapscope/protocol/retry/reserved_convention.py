@@ -19,7 +19,9 @@ class ReservedConvention(StrEnum):
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
-    """The serial of the first attempt in every attempt, even in the first (orin_bcap C, C#, Java)."""
+    """Every attempt holds the serial of the first attempt. The first attempt holds its own serial (orin_bcap
+    C, C#, Java).
+    """
     CHAIN = "chain"
     """0 in the first attempt, then the serial of the previous attempt (the older C client)."""
     TCP0 = "tcp0"
@@ -29,7 +31,9 @@ class ReservedConvention(StrEnum):
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
-    """Return the conventions that a client may use over UDP (`datagrams`) or TCP, the most usual first."""
+    """Return the conventions that clients use, the most usual first. `datagrams` is True for UDP, False for
+    TCP.
+    """
     if datagrams:
         return ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN
     return ReservedConvention.TCP0, ReservedConvention.TCP1

@@ -23,8 +23,8 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
 """Number of replies that a responder stores for its client. A client makes one call at a time, so one stored
-reply is enough if the network keeps packets in order. The other stored replies are for retries that arrive
-late. A UDP reply has at most 503 bytes.
+reply is enough if the network keeps packets in order. Older stored replies are for retries that arrive late.
+A UDP reply has at most 503 bytes.
 """
 
 _SERVICE_START = 1
@@ -33,8 +33,8 @@ _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
 """Assumed maximum number of attempts of one call: if two serials differ by more than this number, they belong
-to different calls. Known clients send at most half as many attempts per call, except for one client that
-retries without end.
+to different calls. Known clients send at most 8 attempts per call, except for one client that retries without
+end.
 """
 
 
@@ -47,9 +47,9 @@ class Defect(Flag):
     NONE = 0
     FORGETS_FIRST = 1
     """The server stores only its last reply, with the serial of the first attempt that arrived. The server
-    does not compare the contents of requests. If the first attempt is lost, the second retry refers to a
-    serial that the server never received. The server then executes the call again. If a client restarts with
-    the serial of its last call, the server sends the old reply.
+    does not compare the contents of requests. If the first attempt is lost, the server executes the first
+    retry and stores its serial. The second retry refers to the lost first attempt, so the server executes the
+    call a second time. If a client restarts with the serial of its last call, the server sends the old reply.
     """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
@@ -63,8 +63,8 @@ class RequestKind(Enum):
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call. The reply to this call will carry the serial of the retry. A retry of an
-    abandoned call has this kind too, but never gets a reply.
+    """A retry of the running call. The reply to the running call will carry the serial of the retry. A retry
+    of an abandoned call is also `RUNNING`, but never gets a reply.
     """
     BUSY = "busy"
     """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""
@@ -107,8 +107,8 @@ def _is_ahead(serial: int, other: int) -> bool:
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
     """Return True if no known call has a serial that is between the serial of `call` and `serial`.
 
-    `calls` lists the newest call first. The function ignores calls before `call`: if such a call has a higher
-    serial, it comes from an earlier program on the same port.
+    `calls` lists the newest call first. The function ignores calls older than `call`. An older call with a
+    higher serial comes from an earlier program on the same port.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -126,8 +126,9 @@ class Responder:
     In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
     field is the serial of the first or the previous attempt of the same call. A request belongs to a
     remembered call if two conditions hold: its reserved field holds the serial of an attempt of this call,
-    and function and arguments are the same. The responder stores the serial and the reserved field of such a
-    request as serials of this call. If a known serial arrives with other contents, the client has restarted.
+    and function and arguments are the same. When a retry arrives, the responder adds the retry's serial and
+    reserved field to the serials of the call. If a known serial arrives with other contents, the client has
+    restarted.
 
     In two cases, a request does not show whether it is a new call or a retry:
 
@@ -135,19 +136,18 @@ class Responder:
       attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
       of that attempt. The request may then be a retry of a known call, or a retry of a new call with the same
       contents.
-    * A new program on the port of an earlier program may start with the same serial. A call of the new
-      program may have the same contents as a call of the earlier program. The serial of the earlier call may
-      be the same or slightly higher. The new call then looks like a delayed attempt of the earlier call.
+    * A new program on the port of an earlier program may start with the same serial. A new call looks like a
+      delayed attempt of an earlier call with the same contents and an equal or slightly higher serial.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    The responder may know neither the serial in the request's header nor the serial in its reserved field.
-    The responder then assumes a retry only while the convention is `CHAIN` or unknown. If the responder
-    mistakes a new call for a retry, the controller does not execute the call, and the client gets the earlier
-    reply. The earlier reply may hold an old value, or report a motion that the robot made for the earlier
-    call.
+    A request whose serial and reserved field are both unknown counts as a retry only under the convention
+    `CHAIN` or `UNKNOWN`. If the responder mistakes a new call for a retry, the controller does not execute
+    the call, and the client gets the earlier reply. The earlier reply may hold an old value, or report a
+    motion that the robot made for the earlier call.
 
     If a new program uses a serial of an earlier program for a different call, the responder forgets the calls
-    of the earlier program. It forgets these calls at the latest after `remembered` further calls.
+    of the earlier program. After `remembered` calls of the new program, the responder has forgotten every
+    call of the earlier program.
     """
 
     def __init__(
@@ -176,7 +176,8 @@ class Responder:
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
-        # Serials and contents of all known calls, and of some forgotten calls.
+        # Serials and contents of all known calls. The set keeps the keys of forgotten calls until the set is
+        # full.
         self._known_keys: set[int | bytes] = set()
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
@@ -260,7 +261,9 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call to the known keys. If there are too many keys, first drop those of forgotten calls."""
+        """Add the serials and the content of a call to `_known_keys`. If `_known_keys` is full, first remove
+        the serials and contents of forgotten calls.
+        """
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -315,16 +318,16 @@ class Responder:
     def _forget_earlier_program(self, serial: int) -> None:
         """Forget the calls of an earlier program, which used `serial` for a different call.
 
-        Later calls with smaller serials belong to the present program. The responder keeps these calls,
-        because their retries may still arrive.
+        The responder keeps newer calls with smaller serials. The new program made these newer calls, and may
+        still retry them.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of a `CHAIN` retry, even if earlier attempts are lost or overtaken; None if
-        unknown.
+        """Return the call of an attempt under the convention `CHAIN`; None if unknown. The previous attempt
+        may be lost, or a later attempt may have arrived first.
         """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
@@ -336,7 +339,9 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Derive the convention from a retry. Only a `CHAIN` retry names the previous attempt."""
+        """Derive the client's convention from a reserved field that is not 0. A `CHAIN` retry names the
+        previous attempt.
+        """
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN
         elif (frame.serial - frame.reserved) % _SERIAL_COUNT > 1:

@@ -23,10 +23,10 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
 _DIGIT_BY_POSES = {poses: digit for digit, poses in _POSES.items()}
 _SEND_BITS = {"hand_io": 0x020, "mini_io": 0x100, "user_io": 0x200}
 _RECEIVE_BITS = {"timestamp": 0x010, "current": 0x040, **_SEND_BITS}
-"""Bit of each field of a format, by the field's name."""
+"""For each field name of `ReceiveFormat`, the bit that selects this field."""
 
 _UNDOCUMENTED_BIT = 0x400
-"""Bit that open-source clients set in the send format 0x620. No public source says what it means."""
+"""Bit that open-source clients set in the send format 0x620. No public source explains the bit 0x400."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class ReceiveFormat:
             second number of its parameter.
 
     Raises:
-        ValueError: No receive format returns the pose types in `poses`.
+        ValueError: slvRecvFormat cannot select the combination of pose types in `poses`.
     """
 
     poses: tuple[PoseType, ...] = ()
@@ -99,7 +99,7 @@ class ReceiveFormat:
 
     def __post_init__(self) -> None:
         if self.poses not in _DIGIT_BY_POSES:
-            raise ValueError(f"no receive format returns the poses {self.poses}")
+            raise ValueError(f"slvRecvFormat cannot select these pose types: {self.poses}")
 
     @classmethod
     def parse(cls, value: int, microseconds: bool = False) -> ReceiveFormat:
@@ -113,7 +113,7 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type of a result that is only the number array of one pose; None for other results."""
+        """Pose type of a result that holds one pose and nothing else; None for other results."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 
@@ -149,8 +149,8 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a parameter. It is either a format number, or an array that holds a format number and a time
-    unit. Return None for other parameters.
+    """Decode the parameter of slvSendFormat or slvRecvFormat: a format number, or an array of a format number
+    and a time unit. Return None for any other value.
     """
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)

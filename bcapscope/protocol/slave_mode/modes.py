@@ -1,8 +1,9 @@
 """Slave modes: the meaning of slvChangeMode's number, which depends on the controller's generation.
 
-For example, 0x001 selects Sync on RC7, but mode 0 on RC8, which behaves differently. Sources: DENSO Wave
-2009, How to use the Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave
-modes) and DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
+For example, 0x001 selects Sync on RC7. On RC8, 0x001 selects mode 0, which behaves differently from Sync.
+Sources: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
+ShoheiKobata/orin_bcap_python_samples (table of slave modes) and DENSORobot/denso_robot_ros2 denso_robot_core
+(RC8 and later).
 """
 
 from __future__ import annotations
@@ -94,7 +95,9 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool]] = {
     ModeKind.MODE_1: (1, True, False, False, False),
     ModeKind.MODE_2: (3, False, True, True, False),
 }
-"""For each kind of mode, the values of the fields `buffer_slots` to `overflow_is_error` of `SlaveMode`."""
+"""Behaviour of each kind of mode. Each tuple holds the fields of `SlaveMode` from `buffer_slots` to
+`overflow_is_error`.
+"""
 
 _TEXTS = {
     ModeKind.OFF: "slave mode off",

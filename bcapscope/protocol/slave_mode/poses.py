@@ -1,7 +1,8 @@
 """Poses: rows of numbers with the names and units of their axes.
 
-Sources: DENSO Wave 2009, How to use the Slave mode, for P and J on RC7; DENSORobot/denso_robot_ros2
-denso_robot_control for poses of 7 (P), 8 (J) or 10 (T) numbers, and the number that the ROS driver appends.
+DENSO Wave 2009, How to use the Slave mode, documents P and J on RC7. The ROS driver
+(DENSORobot/denso_robot_ros2 denso_robot_control) uses poses of 7 (P), 8 (J) or 10 (T) numbers. The ROS driver
+appends one more number to each pose.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""Number that the ROS driver appends to a pose, plus a bit for each axis in use. Its purpose is not known."""
+"""The ROS driver appends one number to each pose: the sum of `USED_AXES_FLAG` and one bit per axis in use.
+The purpose of the appended number is not known.
+"""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 """VARIANT types of a pose that is an array of numbers."""
@@ -67,14 +70,16 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """Bits of the axes that the ROS driver marks as used. Bit 0 is J1. None if the mark is missing."""
+        """Bits of the axes in use, from the number that the ROS driver appends; bit 0 is J1. None if the pose
+        has no such number.
+        """
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
 
 
 def is_used_axes_mark(number: float) -> bool:
-    """Return whether a number is the mark that the ROS driver appends to a pose."""
+    """Return whether a number is `USED_AXES_FLAG` plus bits of axes."""
     return USED_AXES_FLAG <= number <= USED_AXES_FLAG + 0xFF and number == int(number)
 
 
@@ -96,7 +101,9 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values, with or without the mark that the ROS driver appends."""
+    """Guess the pose type from the number of values. The last value may be the number that the ROS driver
+    appends.
+    """
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)

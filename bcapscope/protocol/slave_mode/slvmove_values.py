@@ -2,8 +2,8 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
-the elements with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder chooses
-the most likely order and marks this order as guessed.
+the elements with slvSendFormat and slvRecvFormat. If slvSendFormat or slvRecvFormat was not captured, the
+decoder chooses the most likely order of the elements, and sets `guessed`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# the types of the two poses in a result with receive format 4 or 5, by the total number of values
+# for the number of values in a result with two poses, the types of the poses (receive formats 4 and 5)
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
@@ -105,7 +105,8 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. If its form is unexpected, return the elements that fit, and the problems.
+    """Decode slvMove's parameter. If the parameter has an unexpected form, return the elements that fit, and
+    the problems.
 
     `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
     None if its call was not captured.
@@ -133,7 +134,8 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If its form is unexpected, return the elements that fit, and the problems.
+    """Decode slvMove's result. If the result has an unexpected form, return the elements that fit, and the
+    problems.
 
     A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
     numbers counts as a pose of the slave mode's `pose_type`.
@@ -210,7 +212,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of the elements in a set point, at least one, most likely first."""
+    """Return the possible arrangements of a set point's elements, the most likely first."""
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -232,7 +234,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of the elements in a result, at least one, most likely first."""
+    """Return the possible arrangements of a result's elements, the most likely first."""
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -257,8 +259,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Return the values of the elements by the names in the arrangement `layout`, and the problems. The kind
-    of an element determines the type of its value: a tuple of numbers, an integer, or bytes.
+    """Return a dictionary from the element names in `layout` to the values of the elements, and the problems.
+    A value is a tuple of numbers, an integer, or bytes.
     """
     named: dict[str, Any] = {}
     problems: list[Message] = []
@@ -320,8 +322,8 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # If the format is unknown and the number of values fits, assume the pose type of the slave mode. No
-    # source documents the default format of slvMove's result.
+    # If the receive format is unknown, a row with the right length counts as a pose of the slave mode's pose
+    # type. No public document describes the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

@@ -23,8 +23,8 @@ class CallEffect(IntEnum):
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
-    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. Robot_Speed only
-    sets the speed of the client's own motions, so its effect is `CHANGES`.
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. Robot_Speed has
+    the weaker effect `CHANGES`, because Robot_Speed affects only the client's own motions.
     """
     MOVES = 4
     """Moves the robot or a hand, starts a program, or may have such an effect."""

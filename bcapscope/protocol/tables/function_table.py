@@ -161,8 +161,8 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of an argument of a request. `index` counts the arguments from 0. The name of
-    an argument that the function does not have is `arg` and a number from 1, such as `arg4`.
+    """Return the name and type of an argument of a request. `index` counts the arguments from 0. A surplus
+    argument has a name such as `arg4`, with a number counted from 1.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):

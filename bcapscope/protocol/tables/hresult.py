@@ -58,7 +58,7 @@ _GUESSED_RC7_FORM = 0x80000000
 """Form 8000xxxx, which RC7 may use for its four-digit codes. No document shows this form."""
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
-"""Third hex digits that stand for motion, servo, system, user programs and pendant."""
+"""Values of the third hex digit of a result code: motion, servo, system, user programs, pendant."""
 
 
 # Without `__slots__`, the class can cache `text`. This cache speeds up the JSON of a million replies.
@@ -120,8 +120,8 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope treats a result code as a four-digit code of RC7. Such a result code has the
-    form 0000xxxx or 8000xxxx.
+    """Return whether bcapscope treats a result code as a four-digit code of RC7. bcapscope recognises RC7's
+    codes in the forms 0000xxxx and 8000xxxx.
     """
     code &= 0xFFFFFFFF
     in_range = any(first <= code <= last for first, last, _ in _RANGES)
@@ -323,4 +323,4 @@ _KNOWN = _build_table()
 _RC7 = _build_rc7_table()
 
 CODE_BY_NAME = {row["name"]: int(row["code"], 16) for row in _ROWS if row["name"]}
-"""Result codes by symbol, without the codes that have no symbol."""
+"""The result code for each symbol, such as E_HANDLE."""

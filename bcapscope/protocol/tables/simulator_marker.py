@@ -8,7 +8,7 @@ the variables of RC8).
 from __future__ import annotations
 
 SIMULATOR_VARIABLE = "@BCAPSCOPE_SIMULATOR"
-"""Name of a variable that only bcapscope's simulator has. Its owner is the controller object."""
+"""Name of a variable that only bcapscope's simulator has. The variable belongs to the controller object."""
 
 SIMULATOR_TEXT = "bcapscope simulator: no robot moves"
 """Value of the variable `SIMULATOR_VARIABLE`; its type is VT_BSTR."""

@@ -18,9 +18,9 @@ A comparison has a field on the left, then one of
                          expression (RE2 syntax) anywhere
 
 arg[2][0] is the first element of the third argument: indexes start at 0 and
-work on every list. A field without a comparison is true unless its value is
-missing, 0, false, an empty text or an empty list. true and false need no
-comparison either.
+work on every list. A field can be a condition without a comparison. A field
+without a comparison is false if its value is missing, 0, false, an empty text
+or an empty list. The words true and false are conditions, too.
 
 On the right is one of
 
@@ -43,17 +43,19 @@ On the right is one of
     true  false  null
 
 Text comparisons ignore case, as controllers do. Regular expressions ignore
-case, too, unless they contain (?-i). With < <= > >= an HRESULT is unsigned if
-the other side is hexadecimal or a name, and signed if it is decimal. Therefore
+case, too, unless they contain (?-i). The signs < <= > >= compare an HRESULT
+with a name or a hexadecimal number as unsigned numbers. The same signs compare
+an HRESULT with a decimal number below 2147483648 as signed numbers. Therefore
 hresult >= 0x80000000 selects the same replies as hresult < 0. A VT_R4 seldom
 equals a decimal exactly; compare it with a range.
 
-A comparison is false, even with != and not in, if the record has no such
-value or a value of another type. Examples are the hresult of a request, an
-argument that does not exist, and a text compared with a number. Therefore
-hresult != S_OK selects only replies, but not (hresult == S_OK) also selects
-requests. field == null is true if a value is missing, and field != null if it
-is present.
+A comparison is false if the field has no value, or a value of another type.
+The comparisons != and "not in" are false, too, if the field has no value. For
+example, a request has no hresult, so hresult != S_OK selects only replies. The
+filter not (hresult == S_OK) selects the same replies and all requests.
+Comparisons with null are different. The comparison field == null is true if
+the field has no value. The comparison field != null is true if the field has a
+value.
 """
 
 from __future__ import annotations
@@ -117,10 +119,10 @@ class Filter:
 
         Args:
             getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
-                as `FieldType` specifies. Additional getters are ignored. If the getter of `t` is missing,
-                `bind` creates it.
-            first_time: Function that returns the time, in ns since 1970, at which `t` is 0; None if `t` is 0
-                at the first tested record.
+                as `FieldType` specifies. Additional getters are ignored. `bind` creates a missing getter of
+                `t`.
+            first_time: Function that returns the zero point of `t`, ns since 1970; None to use the time of
+                the first tested record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -159,7 +161,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     Raises:
         FilterError: The expression is invalid, or uses a field that records of this kind do not have.
     """
-    # The parsed test is discarded, so any getters are good enough.
+    # `parse` needs getters to build a test. The test is never called, so `bool` replaces every getter.
     parser = _Parser(expression, kind, dict.fromkeys(FIELD_BY_NAME, bool))
     parser.parse()
     names = frozenset(parser.getter_names)
@@ -253,7 +255,7 @@ class _Parser:
         return lambda record: match(read(record)) is True
 
     def parse_subject(self) -> tuple[ComparedField, list[int]]:
-        """Consume a field name and indexes. Return the field, or the element that the indexes select, and the
+        """Consume a field name and its indexes. Return the left side of the comparison, and the list of
         indexes.
         """
         token = self.advance()
@@ -290,8 +292,8 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """If a comparison with a second field of the same type follows, consume the sign and the second
-        field, and return the test; otherwise, return None.
+        """Consume a comparison sign and a second field of the same type. Return the test; None if other
+        tokens follow.
         """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
@@ -310,7 +312,9 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. Without a sign, the field itself is the condition."""
+        """Consume a comparison sign and its operand. Without a comparison sign, return `bool`, which tests
+        the value of the field.
+        """
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

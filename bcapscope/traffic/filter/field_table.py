@@ -27,7 +27,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. The value of each member is the type's name, as messages show it."""
+    """Type of a field's values. `bcapscope fields` shows the value of each member as the name of the type."""
 
     NUMBER = "number"
     """An int or a float."""

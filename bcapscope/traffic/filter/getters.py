@@ -19,8 +19,8 @@ class AnnotatedFrame(NamedTuple):
 
     Attributes:
         observation: Observation that holds the frame or the bytes, with their time, packet and flow.
-        call_kind: Function and command. For a reply, these are from the request that the reply answers. None
-            if unknown.
+        call_kind: Function and command of the request, or of the request that a reply answers; None if
+            unknown.
         comments: Comments on the packet in the capture.
     """
 

@@ -1,4 +1,4 @@
-"""Tests of one value in a filter. Each test takes any value, and raises no exception."""
+"""Create the tests of a filter. Each test accepts one value of any type, and raises no exception."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.traffic.observation import Endpoint
 
 Match: TypeAlias = Callable[[object], bool | None]
-"""Returns whether a value matches; None or False if the value has another type than the literal. Tests for
-equality with a literal return None in this case, because both == and != are then false.
+"""Returns whether a value matches. A test for equality returns None if the types of value and literal differ.
+None makes both == and != false. All other tests return False if the types differ.
 """
 
 Number: TypeAlias = "int | float | Fraction"
@@ -36,8 +36,8 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Maximum length in characters of a text whose test result is cached, so that a hostile client cannot fill
-the memory. Names, commands and endpoints are shorter.
+"""Maximum length in characters of a text whose test result is cached. The limit keeps a hostile client from
+filling the memory. Real names, commands and endpoints are shorter than the limit.
 """
 
 
@@ -152,8 +152,8 @@ def _parse_port(written: str) -> int | None:
 
 
 def equality(wanted: Sequence[Match], negated: bool) -> Match:
-    """Match a value that equals one of the `wanted` literals. If `negated` is True, a value matches if it
-    equals no literal but can be compared with at least one.
+    """Match a value that equals one of the `wanted` literals. If `negated` is True, match any other value
+    that has the type of at least one literal.
     """
     if not negated:
         return any_of(wanted)
@@ -195,13 +195,15 @@ def all_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Compare a number with `wanted` by a sign such as <. NaN and values of other types never match."""
+    """Match a number for which the comparison with `wanted` is true. `sign` is <, <=, > or >=. NaN and values
+    of other types never match.
+    """
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Compare an HRESULT, as a signed or unsigned number, with `wanted` by a sign such as <."""
+    """Match an HRESULT for which the comparison with `wanted`, signed or unsigned, is true."""
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip
@@ -219,9 +221,9 @@ def contains(wanted: str | int | float) -> Match:
 def _has_number(wanted: int | float) -> Match:
     """Match a list that contains the number `wanted`.
 
-    A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
-    therefore uses C code of the interpreter, which searches 65,536 numbers in a millisecond. All elements of
-    a list in a frame have the same type.
+    A frame can contain 260,000 numbers. The proxy forwards nothing while it searches a frame for a number, so
+    the search must be fast. The operator `in` searches 65,536 numbers in a millisecond. All elements of a
+    list in a frame have the same type.
     """
     equal = number(wanted)
     is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
@@ -238,7 +240,7 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Match a text, or a list with a text, that contains a regular expression.
+    """Match a text, or a list with a text, in which the regular expression `pattern` finds a match.
 
     With any regular expression, RE2 needs a time proportional to the length of the text.
 

@@ -41,8 +41,9 @@ class ComparedField(NamedTuple):
     Attributes:
         expression: The whole filter expression, for error messages.
         field: Field at the start of the left side, without indexes.
-        type: Type of the values of the left side: the field's type, or the type of an element.
-        start: Index in the expression of the first character of the left side.
+        type: Type of the left side's values: the type of the field, or of the element that the indexes
+            select.
+        start: Index of the left side's first character in `expression`.
     """
 
     expression: str

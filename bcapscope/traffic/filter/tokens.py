@@ -14,7 +14,7 @@ from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import display_width
 
 LONGEST_EXPRESSION = 8192
-"""Maximum length of a filter expression in characters. Real expressions are a hundred times shorter."""
+"""Maximum length of a filter expression in characters. Typical expressions have about 80 characters."""
 
 _SHOWN_AROUND = 60
 # maximum length in characters of a word that is compared, because the comparison takes quadratic time
@@ -48,7 +48,7 @@ def _printable(text: str) -> str:
 
 
 def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Message:
-    """Add to a reason the candidate most similar to a misspelt word: ``, did you mean 'retries'?``."""
+    """Append ``, did you mean 'retries'?`` to `reason` if the candidate ``retries`` resembles `word`."""
     if len(word) > _LONGEST_MISSPELT:
         return reason
     by_folded = {candidate.casefold(): candidate for candidate in candidates}
@@ -69,10 +69,9 @@ class Token(NamedTuple):
     """One token of a filter expression.
 
     Attributes:
-        text: Text of the token. The text of a quoted token has no quotes and no escapes. The text of a number
-            has no unit.
-        stop: Index in the expression after the last character of the token.
-        unit: Unit after a number. A space may precede a unit of time.
+        text: Text of the token, without quotes and without the unit of a number. Escapes are resolved.
+        stop: Index of the first character after the token.
+        unit: Unit of a number, such as ``ms``; "" if there is none. A space may precede a unit of time.
     """
 
     kind: TokenKind

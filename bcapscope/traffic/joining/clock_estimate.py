@@ -1,8 +1,8 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
-A frame cannot arrive before it was sent. A request therefore gives an upper bound for the lead of the
-controller's clock, and a reply gives a lower bound. The estimated lead of this clock is between the lowest
-upper bound and the highest lower bound.
+The offset is the time by which the controller-side clock is ahead of the client-side clock. A frame cannot
+arrive before it was sent, so a request gives an upper bound for the offset. A reply gives a lower bound for
+the offset. The estimated offset is between the tightest upper bound and the tightest lower bound.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ClockEstimate(NamedTuple):
     drift: float | None = None
 
     def offset_at(self, time: int) -> int:
-        """Return the offset in ns at a time by the controller-side clock."""
+        """Return the offset in ns at the time `time` of the controller-side clock."""
         points = self.points
         if len(points) == 1:
             return points[0][1]
@@ -50,7 +50,7 @@ class ClockEstimate(NamedTuple):
         return first + (last - first) * (time - began) // (ended - began)
 
     def to_client_clock(self, time: int) -> int:
-        """Convert a time by the controller-side clock to the client-side clock, ns since 1970."""
+        """Convert a time of the controller-side clock to the time of the client-side clock, ns since 1970."""
         return time - self.offset_at(time)
 
 
@@ -95,12 +95,12 @@ class ClockEstimator:
 
 
 class _UpperBound:
-    """An upper bound for an offset, from values that are added in order of time.
+    """An upper bound for the offset between two clocks. Call `add` in order of time.
 
     Attributes:
-        corners: Corners of the lower convex hull of the values, as pairs of time and value. A value that is
-            not later than the last corner is left out.
-        lowest: Lowest value in each time segment, with its time.
+        corners: Corners of the lower convex hull of the values, as pairs of time and value in order of time.
+        lowest: Maps the number of each time segment to the lowest value in the segment, with the time of this
+            value.
     """
 
     def __init__(self) -> None:
@@ -122,11 +122,10 @@ class _UpperBound:
 
 
 class _OffsetBounds:
-    """Bounds of the offset between two clocks at several times. Finds the straight lines that keep within
-    these bounds.
+    """Upper and lower bounds for the offset between two clocks at several times.
 
-    A line is described by its offset at the first point, and by its drift. Times and offsets are relative to
-    the first point.
+    `straight_line` finds an offset that changes linearly with time and stays within the bounds. Times are
+    relative to the earliest bound. Offsets are relative to the first upper bound.
     """
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
@@ -137,7 +136,7 @@ class _OffsetBounds:
         self._least = [(float(time - self._began), float(-ahead - self._offset)) for time, ahead in least]
 
     def straight_line(self) -> ClockEstimate | None:
-        """Return the middle of all lines between the bounds; None if there is no such line."""
+        """Estimate an offset that changes linearly with time; None if no such offset is within the bounds."""
         best = _highest(self._width, -MAX_DRIFT, MAX_DRIFT)
         if self._width(best) < 0:
             return None
@@ -152,7 +151,7 @@ class _OffsetBounds:
         return ClockEstimate(tuple(points), round(error) + 1, (slowest + fastest) / 2 if is_known else None)
 
     def _limits_at(self, time: int, slowest: float, fastest: float) -> tuple[float, float]:
-        """Of all lines between the bounds, return the highest and the lowest offset at the time `time`."""
+        """Return the highest and the lowest possible offset at `time` if the offset changes linearly."""
 
         def top(drift: float) -> float:
             return self._top(drift) + drift * time
@@ -184,7 +183,9 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound` at which the concave function `value` is not negative."""
+    """Search from `sound` to `bound`. Return the last number at which the concave function `value` is not
+    negative.
+    """
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

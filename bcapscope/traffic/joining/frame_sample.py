@@ -16,15 +16,15 @@ FEWEST_SHARED = 4
 
 _SAME_OFFSET_NS = 500_000_000
 """Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from a frame in
-the first capture to the same bytes in the second capture. If two frames have the same bytes only by
-coincidence, such as polls with a reused serial, their offset deviates more from the median.
+the first capture to the same bytes in the second capture. Different frames that have the same bytes by
+coincidence, such as polls with a reused serial, exceed this maximum.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures if their clocks say that one capture ended before the other began. The
-values are the minimum number of equal frames, the minimum share of equal frames, and the maximum median
-deviation in ns. In such captures, either a clock was wrong, or the client ran the same program twice. A
-second run has another client port, other values or other pauses.
+"""Conditions for joining two captures whose times do not overlap. The values are the minimum number of equal
+frames, the minimum share of equal frames, and the maximum median deviation in ns. If captures with equal
+frames do not overlap, either a clock was wrong, or the client executed the same program twice. The second
+execution of a program has another client port, other values or other pauses.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]

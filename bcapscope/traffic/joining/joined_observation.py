@@ -20,16 +20,15 @@ class CapturePlace(IntEnum):
 
 
 class JoinedObservation(Observation):
-    """One frame with its sightings. The frame's conversation was captured at two places. A sighting is the
-    frame as captured at one place. The inherited fields are from the sighting at the client's side. Without
-    this sighting, they are from the sighting at the controller's side. `flow` is always the flow at the
-    client's side.
+    """One frame of a conversation that was captured at two places. A sighting is the frame as captured at one
+    place. The inherited fields are from the sighting at the client's side. If the client's side lacks the
+    frame, the inherited fields are from the sighting at the controller's side. `flow` is always the flow at
+    the client's side.
 
     Attributes:
         at_client: Sighting at the client's side; None if the frame was not captured there.
         at_controller: Sighting at the controller's side; None if the frame was not captured there.
-        is_missed: Whether the frame did not pass one place: the capture at this place ran, but lacks the
-            frame.
+        is_missed: Whether one place lacks the frame although traffic was being captured at both places.
         is_relayed: Whether a proxy is between the two places.
         note: What a proxy did to the frame, from the comment on the packet; "" if the proxy did not change
             the frame.
@@ -55,7 +54,7 @@ class JoinedObservation(Observation):
 
     @property
     def was_made_between(self) -> bool:
-        """Whether a proxy made the frame. The capture at the sender's side lacks such a frame."""
+        """Whether a proxy made the frame: the capture at the sender's side lacks the frame."""
         sender = self.at_client if self.is_request else self.at_controller
         return self.is_missed and self.is_relayed and sender is None
 
@@ -100,7 +99,9 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a joined observation that was captured only at the controller's side, with another number."""
+    """Return a copy of `joined` with the number `number`. `joined` must be a frame that only the controller's
+    side captured.
+    """
     assert joined.at_client is None
     assert joined.at_controller is not None
     return join_sightings(

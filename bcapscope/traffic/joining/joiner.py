@@ -36,8 +36,8 @@ HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a conversation counts as direct traffic if no other conversation has
-the same requests. A proxy would have forwarded each request before its reply.
+"""A conversation counts as direct traffic after this number of answered calls without the same requests in
+another conversation. A proxy forwards each request to the controller before the client gets the reply.
 """
 
 MAX_NEW = 1024
@@ -47,7 +47,9 @@ MAX_SUSPECTS = 32
 """Maximum number of conversations with which the joiner compares one new conversation."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that the joiner remembers. Beyond this limit, it forgets all of them."""
+"""Maximum number of conversations that the joiner remembers. Beyond the limit, the joiner forgets all
+remembered conversations.
+"""
 
 MAX_JOINED = 256
 """Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest conversation.
@@ -92,7 +94,7 @@ class _NewConversation:
             self.suspects[conversation] = None
 
     def drop_before(self, client_side: _NewConversation) -> None:
-        """Drop the first frames until a frame comes that the client's side still holds."""
+        """Drop the frames before the first frame that `client_side` also holds."""
         waiting = {each.item.raw for each in client_side.held}
         while self.held and self.held[0].item.raw not in waiting:
             del self.held[0]
@@ -101,9 +103,9 @@ class _NewConversation:
 class Joiner(LegJoiner):
     """Finds and joins the two legs of a proxied conversation, which a capture holds as two conversations.
 
-    The joiner holds a new conversation, for at most `HELD_NS`, until it knows whether another conversation is
-    the second leg. The joiner returns observations of joined conversations as `JoinedObservation`, and all
-    other observations unchanged.
+    The joiner delays a new conversation while the second leg of this conversation may still appear. The delay
+    is at most `HELD_NS`, or `HELD_UNANSWERED_NS` for a conversation without a reply. The joiner returns
+    observations of joined conversations as `JoinedObservation`, and all other observations unchanged.
 
     Attributes:
         passing: Flows whose conversation is not the leg of a proxy. Their observations never wait. Callers
@@ -139,7 +141,7 @@ class Joiner(LegJoiner):
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
     def expire(self, now: int) -> list[Observation]:
-        # the clock of `now` may be behind the clock of the packets, which only `add` follows
+        # `now` may be behind the times of the packets; only `add` may set the joiner's time back
         return super().expire(max(self._now, now))
 
     def close(self) -> list[Observation]:
@@ -215,8 +217,8 @@ class Joiner(LegJoiner):
                 new.add_suspect(sender)
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request. Return the other conversations that sent the same request
-        before.
+        """Remember which conversation sent a request. Return all other conversations that sent the same bytes
+        earlier.
         """
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
@@ -253,7 +255,9 @@ class Joiner(LegJoiner):
             self._merge(each)
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Remove a conversation and its pending observations from the joiner's other collections."""
+        """Remove a conversation from the joiner's tables. Move observations that wait for delivery to
+        `twin.held`.
+        """
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -287,8 +291,7 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the waiting traffic of each suspect that was released without a second leg. The traffic
-        waits because a newer conversation is still held.
+        """Return the undelivered traffic of each suspected leg that the joiner took for direct traffic.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.

@@ -27,7 +27,7 @@ def _notes_of_relay(observation: Observation) -> tuple[str, ...]:
 
 
 class DeliveryQueue:
-    """Observations that wait until no earlier observation can be added; ordered by time, then by number."""
+    """Observations that wait for delivery, ordered by time, then by number."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, Observation]] = []
@@ -46,7 +46,7 @@ class DeliveryQueue:
         return due
 
     def find(self, conversations: Container[Conversation]) -> dict[Conversation, list[Observation]]:
-        """Return the observations of each of these conversations that has any, in order of time."""
+        """Return the waiting observations of each conversation in `conversations`, in order of time."""
         found: dict[Conversation, list[Observation]] = {}
         for _, _, each in sorted(
             each for each in self._waiting if each[2].flow.conversation in conversations
@@ -70,8 +70,8 @@ class DeliveryQueue:
 class LegJoiner:
     """Joins the legs that the caller names, and returns all observations in order of time.
 
-    A frame that the proxy did not forward waits until the proxy can no longer forward it. Until then, all
-    later observations wait, too.
+    A frame on one leg waits at most `JOIN_WITHIN_NS` for the same frame on the other leg. All later
+    observations wait behind the waiting frame.
 
     Attributes:
         delivered_until: Time up to which all observations were returned, ns since 1970.
@@ -88,7 +88,9 @@ class LegJoiner:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no conversation is joined and no observation waits, so observations need not be added."""
+        """Whether the joiner has neither joined conversations nor waiting observations. An idle joiner would
+        return each added observation immediately.
+        """
         return not (self._mergers or self._queue)
 
     def join(self, client_leg: Conversation, controller_leg: Conversation) -> None:
@@ -139,7 +141,9 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to `until`. Stop before the earliest frame that a merger still holds."""
+        """Return the observations up to `until`, but only those before the earliest frame that waits for its
+        second sighting.
+        """
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending
@@ -151,7 +155,7 @@ class LegJoiner:
         return self._queue.pop_until(until)
 
     def _restart_if_set_back(self, now: int) -> list[Observation]:
-        """If the clock was set back, return all observations that wait, and follow the clock."""
+        """If the clock was set back, return all waiting observations, and continue from the time `now`."""
         if now >= self._now - JOIN_WITHIN_NS:
             return []
         due = self.close()

@@ -27,7 +27,9 @@ MAX_COMPARED = 1024
 """Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that are remembered, such as held messages that a user may still release."""
+"""Maximum number of remembered frames that counted as lost and may still arrive. For example, a user may
+release a message that the proxy held.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +37,9 @@ class Coverage:
     """Time span that the capture at one place covers.
 
     Attributes:
-        begins: Time of the first packet, ns since 1970; None if the capture covers the beginning of the
+        begins: Time of the capture's first packet, ns since 1970; None if the capture began before the
             traffic.
-        ends: Time of the last packet, ns since 1970; None if the capture covers the end of the traffic.
+        ends: Time of the capture's last packet, ns since 1970; None if the capture ended after the traffic.
     """
 
     begins: int | None = None
@@ -46,7 +48,7 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class CapturedTwins:
-    """Facts about a conversation that was captured at two places, known before the captures are joined.
+    """What bcapscope knows about the two places of a conversation before it joins the observations.
 
     Objects of this class are compared by identity.
 
@@ -66,7 +68,7 @@ LEGS_OF_PROXY = CapturedTwins()
 
 
 class CaptureSide(NamedTuple):
-    """Place at which a conversation was captured, if another capture holds the same conversation."""
+    """Place at which one of two captures of a conversation was taken."""
 
     twins: CapturedTwins
     place: CapturePlace
@@ -74,7 +76,7 @@ class CaptureSide(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Waiting:
-    """The sighting of a frame that waits for the sighting at the other place."""
+    """A frame that one place has captured, and that the other place may still capture."""
 
     place: CapturePlace
     observation: Observation
@@ -208,10 +210,10 @@ class PlaceMerger:
         )
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the other place's capture ran when this frame should have arrived at that place."""
+        """Return whether the capture at the other place was running when the frame should have been there."""
         is_relayed = self._twins.is_relayed
         if not is_relayed and self.conversation.transport is Transport.TCP:
-            return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
+            return False  # TCP sends lost bytes again, so the frame is missing only in the other capture
         other, time = self._twins.coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
@@ -219,7 +221,7 @@ class PlaceMerger:
             observation.flow.direction is Direction.REQUEST
         )
         if is_sender_side or _serial_of(observation) in self._own_serials:
-            return True  # the frame passed the sender's side first, so the other place had time to capture it
+            return True  # a frame passes the sender's side first and cannot be captured there later
         closing = self.conversation.connection_end
         if is_relayed and closing is not None and closing.ends_replies:
             return True  # the connection has ended, so no further frame can come
@@ -255,8 +257,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """If a request with these bytes counted as lost, add the controller's sighting to this request and
-        return True.
+        """Add the controller's sighting to a request that counted as lost. Return whether a lost request had
+        the same bytes.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:

@@ -10,13 +10,13 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""If further calls may follow, this number of nested calls proves that two conversations are the legs of a
-proxy. Two clients that start the same program at the same time send the same bytes. However, eight nested
-calls in a row are very unlikely without a proxy.
+"""This number of nested calls proves that two conversations are the legs of a proxy, even before further
+calls arrive. Two clients that start the same program at the same time send the same bytes. However, eight
+nested calls in a row are very unlikely without a proxy.
 """
 
 FEWEST_CALLS = 2
-"""If no further calls follow, this number of nested calls is enough proof."""
+"""Number of nested calls that proves two legs of a proxy after the joiner has waited for further calls."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -27,12 +27,12 @@ _REQUEST = Direction.REQUEST
 class NestedCalls(NamedTuple):
     """How well the calls of one conversation are nested in the calls of another conversation.
 
-    A call is nested if its request follows the same request of the outer conversation, and its reply precedes
-    the same reply of the outer conversation.
+    Equal bytes identify the same frame in both conversations. A call is nested if its inner request comes
+    after the outer request, and its inner reply comes before the outer reply.
 
     Attributes:
         calls: Number of nested calls.
-        lag: Sum of the times from each outer request to the same inner request, ns.
+        lag: Sum of the delays of all requests from the outer to the inner conversation, ns.
         is_contradicted: Whether a request appears first in the inner conversation, or a reply appears first
             in the outer conversation. Such calls cannot be nested.
     """
@@ -60,8 +60,8 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return the number of nested calls that proves that `outer` is the client's leg and `inner` the
-    controller's leg; None if the interface names show that the two are not these legs.
+    """Return how many nested calls prove that `outer` is the client's leg and `inner` is the controller's
+    leg. Return None if the interface names rule out these legs.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)

@@ -33,16 +33,13 @@ from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Matches a text of words. If a text has any other character, such as `=`, the text is a filter
-expression.
-"""
+"""Matches words to search for. Any other text, such as ``serial == 7``, is a filter expression."""
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""Classes of objects whose names are omitted, because usually only one object of each class is in use.
-
-If a line contained these names, its result would no longer fit on the screen.
+"""Classes of objects whose names a line of the history omits, so that the result of the call fits on the
+screen. Usually, a client uses only one object of each class.
 """
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]

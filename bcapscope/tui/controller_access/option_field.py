@@ -32,7 +32,8 @@ def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[Contr
         The target, and the names of the providers to try.
 
     Raises:
-        ValueError: A pair is invalid. The error text contains the pair, and says what is expected.
+        ValueError: A pair of key and value is invalid. The error text quotes the invalid pair, and says what
+            is expected.
     """
     target = ControllerTarget(host, port, tcp, name="")
     providers: tuple[str, ...] = AUTOMATIC_PROVIDERS

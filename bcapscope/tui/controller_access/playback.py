@@ -193,12 +193,12 @@ class PlayerSlot:
 
 
 MAX_SAMPLES = 600
-"""Number of readings that the plots show. They cover half a minute, at twenty readings per second."""
+"""Number of readings that the plots show. At twenty readings per second, the plots cover half a minute."""
 
 
 @dataclass(slots=True)
 class PlaybackRun:
-    """What the player has reported while it played a trajectory once.
+    """The reports of the player about one playback of a trajectory.
 
     Attributes:
         samples: Latest readings, each as elapsed seconds, set point and returned pose.
@@ -250,10 +250,10 @@ class PlaybackRun:
     def buffer_margin(self) -> tuple[int, float, float] | None:
         """Margin of the controller's buffer, according to a model.
 
-        The margin has three values. The first is the number of buffer slots. The second is the time in ms
-        that a full buffer lasts. The third is the part of this time that was left after the longest pause.
-        The controller in the model takes one set point every 8 ms. The margin is None before the first set
-        point. The margin is also None if an empty buffer is no error in the slave mode.
+        The margin has three values: number of buffer slots, duration of a full buffer (ms), and duration left
+        after the longest pause (ms). The controller in the model takes one set point every 8 ms. The margin
+        is None before the first set point. The margin is also None if an empty buffer is no error in the
+        slave mode.
         """
         mode = None if self.peer is None else self.peer.slave_mode
         progress = self.progress

@@ -155,14 +155,14 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Exclude the mounted widgets from garbage collection. Otherwise a collection would scan them, and
-        delay the response to keys.
+        """Exclude the mounted widgets from garbage collection. A garbage collection that scans the widgets
+        would delay the response to keys.
         """
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Skip Textual's style update, because each widget already has the right styles. This is true even
-        after a change of theme.
+        """Skip Textual's style update, because each widget has the right styles, even after a change of
+        theme.
         """
         event.refresh_styles = False
 
@@ -195,9 +195,9 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
-    A subclass puts into its content a `ViewBar`, an `InkedText` with the id ``head`` for the titles of
-    columns, and a `Switcher` with one list for each view in `VIEWS`. Each list has the name of its
-    view as its id.
+    The content of a subclass must include three widgets: a `ViewBar`, an `InkedText` and a `Switcher`. The
+    `InkedText` with the id ``head`` shows column titles. The `Switcher` contains one list for each view in
+    `VIEWS`. The id of each list is the name of a view.
 
     Attributes:
         VIEWS: For each view name, the label id of the view. The screen starts with the first view.

@@ -60,7 +60,7 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
     """Return the number of a frame's partner. The partner of a request is its reply, and the partner of a
     reply is its request.
 
-    If there is no partner, return None and the label id of the reason.
+    If the frame has no partner, return None and the id of a label that says why.
     """
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"

@@ -210,7 +210,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Tell the traffic screen why the proxy may send no further traffic."""
+        """Show a problem of the proxy on the traffic screen; "" withdraws the problem."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 

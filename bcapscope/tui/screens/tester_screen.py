@@ -1,6 +1,6 @@
 """The Tester: the functions of the b-CAP Tester window, in a terminal.
 
-The widgets post the user's actions as messages. This screen carries out these actions through a
+The widgets post the user's actions as messages. The Tester screen carries out the user's actions through a
 `ControllerSession`, and passes the results to the widgets.
 """
 
@@ -228,11 +228,14 @@ class TesterScreen(BaseScreen):
     @on(ConnectWanted)
     @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        """Connect to a controller. If it is the built-in simulator and has exited, start it again first."""
+        """Connect to a controller. If the controller is the built-in simulator and has exited, restart the
+        simulator first.
+        """
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
             panel.wait_for_address()
-            self._start_simulator()  # in another group, so that Cancel does not leave the address pending
+            # Cancel does not end `_start_simulator`, which must fill in the address.
+            self._start_simulator()
             panel.request_connect()
             return
         target, providers = read_option_field(wanted.option, wanted.host, wanted.port, wanted.tcp)
@@ -376,7 +379,9 @@ class TesterScreen(BaseScreen):
     # Navigation.
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for tabs and views, because reaching one by keys takes several keys."""
+        """Yield palette commands for tabs and views. Without the palette, the user may need several keys to
+        open a tab or view.
+        """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
                 title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))

@@ -339,8 +339,8 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief` is set, round counts of 10,000 or more down, as in ``12k`` or
-    ``1.2M``.
+    """Return a count as text. If `brief` is True, a count of at least 10,000 becomes a text such as ``12k``
+    or ``1.2M``, rounded down.
     """
     if not brief or number < 10_000:
         return f"{number:,}"

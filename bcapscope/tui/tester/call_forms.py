@@ -52,10 +52,10 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Show what the typed command does, and fill in or clear its parameter.
+        """Show what the typed command does, and fill in or clear the parameter.
 
-        The form restores the parameter that the user last sent with this command. If the user has not sent
-        this command before, the form clears a parameter that was left from the last sent command.
+        The form fills in the parameter that the user last sent with the typed command. If the user never sent
+        the typed command, the form clears the parameter of the previously sent command.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:

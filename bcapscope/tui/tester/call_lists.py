@@ -209,7 +209,9 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request; if `edit` is set, after editing it in a form."""
+        """The user wants to send a saved request. If `edit` is True, the user wants to edit the request
+        first.
+        """
 
         saved: SavedRequest
         edit: bool

@@ -1,4 +1,6 @@
-"""Steps that make the calls which widgets request. A step runs in the event loop of a `ControllerSession`."""
+"""Steps that make calls to the controller for the widgets. A step runs in the event loop of a
+`ControllerSession`.
+"""
 
 from __future__ import annotations
 

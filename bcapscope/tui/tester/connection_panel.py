@@ -83,7 +83,7 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def cancel_connect(self) -> None:
-        """Do not connect when the address is filled in, although the user asked for it."""
+        """Cancel a connection that waits until `fill_address` fills in the address."""
         self._is_connect_pending = False
 
     def wanted_connection(self) -> ConnectWanted | str:

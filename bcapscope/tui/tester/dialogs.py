@@ -39,7 +39,7 @@ class ChoiceDialog(ModalScreen[str | None]):
         Binding("right", "app.focus_next", show=False),
     ]
     LABELS = "tester.answer"
-    """Prefix of the label ids of the choices. A label id is this prefix, a dot and the name of the choice."""
+    """First part of a label id. The label of a choice has the id ``<LABELS>.<choice>``."""
 
     def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
         """`lines` are escaped lines of text: facts, then the question. `choices` are the possible answers."""

@@ -50,8 +50,8 @@ class OpenObjectRow(Horizontal):
         *,
         on_opened: Callable[[str], object] = lambda name: None,
     ) -> None:
-        """`kind` is the class of the objects that the user opens. `parent` is the class of the objects that
-        own them. The row calls `on_opened` with the name of each object that the user opened.
+        """`kind` is the class of the objects that the user opens with this row. `parent` is the class of the
+        objects' owner. `on_opened` is called with the name of an object after the request to open the object.
         """
         super().__init__(classes="row")
         self._parent_kind = parent

@@ -26,7 +26,7 @@ class Caption(Label):
 
 
 class Box(Vertical):
-    """A border around a group of fields. `title` is the label id of its title."""
+    """A border around a group of fields. `title` is the id of the label in the border."""
 
     def __init__(self, title: str, *, id: str) -> None:
         super().__init__(id=id, classes="box")
@@ -34,7 +34,7 @@ class Box(Vertical):
 
 
 class FormButton(Button):
-    """A button that is one line high. `key` is the label id of the button's text."""
+    """A button that is one line high. `key` is the id of the label that the button shows."""
 
     def __init__(
         self,

@@ -1,5 +1,5 @@
-"""The packet pane has SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester. It adds the call
-history and other lists.
+"""The packet pane has SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester. The packet pane also
+has lists of calls, watched variables and saved requests.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ class ListPicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Each entry has a name and two texts. The dialog shows the first text, and searches the typed words
-        in the second text.
+        """Each entry has a name, a displayed text and a searched text. The dialog lists the entries whose
+        searched text contains all typed words.
         """
         super().__init__()
         self._title = title
@@ -121,7 +121,7 @@ class FilePicker(ModalScreen[str | None]):
         super().__init__()
         self._title = title
         self._recent = [path for path in recent if Path(path).exists()]
-        self._folder = folder.absolute()  # a relative path may lack a name to show and a parent
+        self._folder = folder.absolute()  # the relative path "." has no name and no parent folder
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog -tall") as box:

@@ -102,7 +102,7 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 def _may_lack_robslave(record: HistoryRecord) -> bool:
     """Return whether the controller refused slave mode without a reason, as an RC7 may do if RobSlave does
     not run. An RC7 needs the program RobSlave for slave mode (DENSO Wave 2009, How to use the Slave mode).
-    DENSO does not document how an RC7 refuses slave mode without RobSlave.
+    DENSO does not document which error an RC7 returns if RobSlave does not run.
     """
     code = record.reply.code if record.reply is not None else S_OK
     command = command_name(record.function_id, record.arguments) or ""

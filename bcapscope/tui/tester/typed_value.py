@@ -1,5 +1,5 @@
-"""Widget for a value of any b-CAP type. It has a list of types, and a field that checks the text while the
-user types.
+"""Widget for a value of any b-CAP type. The widget has a list of types, and an input field that checks the
+text while the user types.
 """
 
 from __future__ import annotations

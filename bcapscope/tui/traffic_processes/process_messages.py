@@ -24,8 +24,8 @@ _NICE = 5
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Message to the reader that the source has ended. The reader then processes the rest of the data and
-ends.
+"""Message to the reader process: no more traffic will arrive. After this message, the reader process
+processes the remaining data and ends.
 """
 
 
@@ -153,7 +153,7 @@ class SaveJob(msgspec.Struct, frozen=True):
 
 
 def problem_text(problem: Message | None, job: ReadJob | SaveJob) -> str:
-    """Return why a job failed, escaped and in the job's language; "" if the job did not fail."""
+    """Return the text of a problem, escaped and in the language of `job`; "" if `problem` is None."""
     return "" if problem is None else printable(MessageFormatter(Language(job.language)).text(problem))
 
 
@@ -165,7 +165,8 @@ def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
     """
     try:
         data = msgspec.json.encode(message)
-    except UnicodeEncodeError:  # a file name is not UTF-8; `json` takes up to 50 times as long
+    except UnicodeEncodeError:
+        # `msgspec` cannot encode a file name that is not UTF-8; `json` is up to 50 times slower
         data = json.dumps(msgspec.to_builtins(message, str_keys=True)).encode()
     write_all(stream, data + b"\n")
     stream.flush()

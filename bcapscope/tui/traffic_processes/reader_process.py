@@ -2,8 +2,8 @@
 traffic.
 
 Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
-reports go to standard output. Any data on standard input after the job means that the capture will not grow
-further. When the screen dies or closes the reader's standard input, reading ends at once.
+reports go to standard output. The screen sends a byte after the job if the capture will not grow further.
+When the screen dies or closes the reader's standard input, reading ends at once.
 """
 
 from __future__ import annotations
@@ -44,9 +44,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
-"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames. It reads so fast that
-this is several times per ms.
-"""
+"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames."""
 
 LIVE_FILE = "live.pcapng"
 
@@ -105,8 +103,8 @@ class TrafficReader:
                     return
 
     def _load_pipeline(self) -> Pipeline:
-        """Return the pipeline. Pipeline and diagnosis are loaded at their first use. If they were loaded at
-        the start, the first frames would appear later.
+        """Return the pipeline. Pipeline and diagnosis are loaded at their first use, so that the first frames
+        appear sooner.
         """
         if self._pipeline is None:
             joiner = Joiner(self._observer.comments)
@@ -193,7 +191,7 @@ class _LiveCapture:
 
 def main() -> None:
     begin_process()
-    # sys.stdin is not used, because the reading thread would still hold its lock at the end
+    # `FileIO` replaces `sys.stdin`: at exit, the thread "end" would still hold the lock of `sys.stdin`
     stdin = io.FileIO(0, closefd=False)
     job = next(receive_messages(stdin, ReadJob), None)
     if job is None:

@@ -35,7 +35,9 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """Says why the source may send no more traffic; `reason` is "" if the problem is over."""
+    """A problem of the proxy or simulator whose traffic the feed reads. `reason` is "" if the problem is
+    over.
+    """
 
     reason: str
 
@@ -63,9 +65,9 @@ class TrafficFeed:
         watcher of a proxy reads the traffic.
 
         Args:
-            job: What to read. If `reports` is None, the feed adds a temporary folder and the screen's
-                language to the job.
-            reports: Stream with the `ReadProgress` and `TrafficAnalysis` messages of a proxy's watcher.
+            job: Which traffic to read. If `reports` is None, the feed replaces `folder` and `language` of the
+                job.
+            reports: Stream of `ReadProgress` and `TrafficAnalysis` messages from a proxy's watcher.
         """
         self._folder: TemporaryFolder | None = None
         if reports is None:
@@ -118,8 +120,8 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass the latest earlier update of each kind to `listener` immediately, and all later updates from
-        another thread.
+        """Pass the latest undelivered update of each kind to `listener` immediately. Another thread passes
+        later updates to `listener`.
         """
         with self._lock:
             self._listener = listener
@@ -158,7 +160,7 @@ class TrafficFeed:
         with self._lock:
             listener = self._listener
             if listener is None:
-                self._undelivered.pop(type(message), None)  # the new update goes to the end
+                self._undelivered.pop(type(message), None)  # a new update becomes the last one
                 self._undelivered[type(message)] = message
         if listener is not None:
             listener(message)
@@ -202,7 +204,8 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Notify the reader that the source has ended. The reader still processes the rest of the data.
+        """Notify the reader process that no more traffic will arrive. The reader process still processes the
+        remaining data.
 
         For a proxy, this method does nothing, because the watcher ends when the proxy's relay ends.
         """
@@ -213,8 +216,8 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report why the source may send no more traffic. `reason` is one sentence, or "" to withdraw an
-        earlier report.
+        """Report a problem of the proxy or simulator whose traffic the feed reads. `reason` is one sentence,
+        or "" to withdraw an earlier report.
 
         Any thread may call this method.
         """
@@ -249,6 +252,6 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    """Return the pipe of a process. It is never None, because bcapscope starts each process with pipes."""
+    """Return `stream`, which is never None, because bcapscope starts each process with pipes."""
     assert stream is not None
     return stream

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
 
 FLUSH_INTERVAL = 0.1
-"""Minimum time in seconds between two reports of new frames, because drawing the frames delays keys."""
+"""Minimum time in seconds between two reports of new frames. While the screen draws new frames, keys must
+wait.
+"""
 
 ANALYSIS_INTERVAL = 1.5
 """Minimum time in seconds between two reports of the analysis."""
@@ -61,8 +63,8 @@ class TrafficPublisher:
         self._last_analysis_count = 0
 
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic. The diagnosis is loaded at its first use. If it were loaded at
-        the start, the first frames would appear later.
+        """Return the diagnosis of the traffic. The diagnosis is loaded at its first use, so that the first
+        frames appear sooner.
         """
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415
@@ -81,7 +83,10 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """If enough time has passed, report progress and, less often, the analysis until `end_time` (ns)."""
+        """Report progress at most every `FLUSH_INTERVAL`, and the analysis at most every `ANALYSIS_INTERVAL`.
+        The analysis assumes that the traffic ends at `end_time` (ns since 1970), or with the last frame if the
+        frame is later.
+        """
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return

@@ -108,7 +108,9 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run `action`, which publishes traffic. If it fails, report the error and publish nothing more."""
+        """Run `action`, which publishes traffic. If `action` fails, report the error and publish nothing
+        more.
+        """
         if self._has_ended:
             return
         try:

@@ -14,26 +14,27 @@ from textual_serve.download_manager import DownloadManager
 ENDS_WITHIN = 13.0
 """Time limit in seconds for a screen process to end. After this time, the server kills the process.
 
-This time is longer than `tui.app.CLOSE_TIMEOUT`. Within that shorter time, the process closes everything that
-it opened.
+`ENDS_WITHIN` is longer than `tui.app.CLOSE_TIMEOUT`, so that the screen process can first close everything
+that it opened.
 """
 
 RELOAD_WITHIN = 2.0
-"""Maximum time in seconds that a new viewer waits for a seat. If a viewer reloads the page, some time passes
-until the viewer's old seat is free.
+"""Maximum time in seconds that a new viewer waits while the maximum number of viewers is connected. After a
+reload of the page, a viewer counts twice for a moment.
 """
 
 _KILLED_WITHIN = 2.0
 
 
 class NoSeat(Exception):
-    """No seat is free, because other viewers are connected."""
+    """The maximum number of viewers is already connected."""
 
 
 class ViewerSeats:
-    """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats.
+    """Limits the number of viewers of a served screen.
 
-    `ending` is the number of seats whose screen process is ending. These seats become free soon.
+    `ending` is the number of screen processes that are ending. A screen process that is ending still counts
+    as a viewer.
     """
 
     def __init__(self, count: int) -> None:
@@ -42,7 +43,9 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Occupy a free seat while the `with` block runs; raise `NoSeat` if no seat becomes free in time."""
+        """Count one more viewer during the `with` block. Raise `NoSeat` if the maximum number of viewers
+        stays connected.
+        """
         if not await self._acquire(RELOAD_WITHIN) and not (
             self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -77,7 +80,8 @@ class ScreenProcess(AppService):
 
         Args:
             write_bytes: Function that sends drawing data to the page. `write_bytes` must not raise an
-                exception. After an exception, nobody would read the output, and the process would block.
+                exception. After an exception, the server would stop reading the output of the screen process,
+                and the screen process would block.
             write_str: Function that sends messages to the page. `write_str` must not raise an exception.
         """
         super().__init__(

@@ -3,8 +3,8 @@ and does no I/O.
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
-cookie to every port of a host. Another user may run a server on another port, and could collect the cookie
-there. Therefore bcapscope limits the cookie to the secret path, which other servers do not know.
+cookie to every port of a host. Another user's server on the same host could therefore receive the cookie of
+bcapscope. Browsers send bcapscope's cookie only to the secret path, which no other server knows.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site. The first value means that the header is missing. The second
-means that the user typed the address or used a bookmark. The third means that the request is from bcapscope's
-own page.
+"""Accepted values of the header Sec-Fetch-Site. "" means that the header is missing. "none" means that the
+user typed the address or used a bookmark. "same-origin" means that the request is from bcapscope's own page.
 """
 
 

@@ -48,7 +48,7 @@ _LARGEST_MESSAGE = 1 << 20
 """Maximum size in bytes of a message from a page. The largest messages contain pasted text."""
 
 _LARGEST_SIZE = 1000
-"""Maximum number of columns of a screen. Also the maximum number of its lines. No real display has more."""
+"""Maximum number of columns or lines of a screen. No real display has more columns or lines."""
 
 _BUSY_PATH = "/busy"
 
@@ -165,10 +165,10 @@ class WebServer:
         )
 
     async def _entry_page(self, request: web.Request) -> web.Response:
-        """Set the cookie and forward to the secret path, so that the address bar loses the token.
+        """Set the cookie and send the browser to the secret path, so that the address bar loses the token.
 
-        The page forwards with a meta tag instead of a redirect. After a click on a link in another page, the
-        browser would not send the cookie with a redirected request.
+        A meta tag in the page opens the secret path. With a redirect, the browser would not send the cookie
+        after a click on a link in another page.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'

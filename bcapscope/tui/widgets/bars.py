@@ -92,12 +92,14 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the views with their keys and numbers of rows, and the progress. A click shows a view."""
+    """Shows the key, the name and the number of rows of each view, then the progress. A click on a view opens
+    the view.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
     def __init__(self, views: Mapping[str, str], *, id: str | None = None) -> None:
-        """`views` maps each view to the label id of its name."""
+        """`views` maps the name of each view to the id of a label."""
         super().__init__(id=id)
         self._views = views
         self._current_view = ""

@@ -34,8 +34,8 @@ _SIDEWAYS_COLUMNS = 8
 class Lines(ScrollView, can_focus=True):
     """A list with a cursor. A subclass defines `count` and `line`.
 
-    A subclass calls `reset_lines` if its lines have changed, and `lines_added` if it only has new lines. The
-    list has no border and no padding, because `render_lines` draws neither.
+    A subclass calls `lines_added` if lines were added at the end, and `reset_lines` after any other change.
+    The list has no border and no padding, because `render_lines` draws neither.
 
     Attributes:
         cursor: Index of the line under the cursor; 0 if the list is empty.
@@ -161,7 +161,7 @@ class Lines(ScrollView, can_focus=True):
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the visible lines. Most of these lines are in the cache.
+        """Return the visible lines. Most visible lines come from the cache `_strips`.
 
         Textual's own method would draw every line again when the user scrolls by one line.
         """

@@ -1,4 +1,4 @@
-"""Show a frame as a tree and as bytes, side by side. The selected field is highlighted in both."""
+"""Show a frame as a tree and as bytes, side by side. The tree and the bytes highlight the selected field."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ MAX_ROWS = 20_000
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
 _FOLDED_AT_FIRST = 6
-"""A branch with at most this number of rows is folded at first. Its first row already shows the content.
+"""A branch with at most this number of rows is folded at first. The first row of a short branch shows the
+content of the whole branch.
 """
 
 
@@ -365,11 +366,13 @@ be narrower, the view shows eight bytes per line.
 
 
 class PacketView(Horizontal, PlainContainer):
-    """Shows a frame, or other bytes, as a tree and as bytes. Both highlight the same field."""
+    """Shows a frame, or other bytes, as a tree and as bytes. The tree and the bytes highlight the selected
+    field.
+    """
 
     def compose(self) -> ComposeResult:
-        """Put the tree and the bytes side by side. The vertical line between tree and bytes is a widget,
-        because Textual draws a widget only once.
+        """Put the tree and the bytes side by side. The vertical line between tree and bytes is a separate
+        widget, which Textual draws only once.
         """
         yield FieldTree(id="fields")
         yield Container(classes="edge")

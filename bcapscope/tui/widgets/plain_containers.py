@@ -12,9 +12,9 @@ from textual.widgets import ContentSwitcher
 class PlainContainer(Widget):
     """A container without border, padding and scroll bars. Only the children of the container are visible.
 
-    Textual draws each line of an ordinary container, even if children cover the line. Drawing these covered
-    lines took a third of the time that Textual needs after a resize of the terminal. A subclass must name
-    another base class first, and this class after it. Textual takes styles only from the first base class.
+    Textual draws each line of an ordinary container, even if children hide the line. After a resize of the
+    terminal, Textual spent a third of the time on hidden lines. A subclass must name `PlainContainer` after
+    another base class, because Textual takes styles only from the first base class.
     """
 
     def render_lines(self, crop: Region) -> list[Strip]:

@@ -90,7 +90,7 @@ class RecordList(Lines, Generic[Source]):
         return 0 if rows is None else len(rows)
 
     def record_at(self, row: int) -> int:
-        """Return the number, from 1, of the record that a row shows."""
+        """Return the number of the record that a row shows; the first record has the number 1."""
         return row + 1 if self.matches is None else self.matches[row]
 
     def row_of(self, number: int) -> int | None:
@@ -114,13 +114,13 @@ def right_aligned(text: str, width: int) -> str:
 
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame. The first mark shows that the user marked the frame. The second shows that the frame
-belongs to the call under the cursor. The third shows that the frame proves a finding.
+"""Signs before a frame. `MARKED` means that the user marked the frame. `RELATED` means that the frame belongs
+to the call under the cursor. `EVIDENCE` means that the frame proves a finding.
 """
 
 
 class FrameList(RecordList[ObservationStore]):
-    """Shows the frames of a journal.
+    """Shows the frames of an `ObservationStore`.
 
     Attributes:
         marks: Maps the number of a frame that the user marked to the user's note; "" for a mark without a

@@ -25,7 +25,9 @@ class InkedText(Static):
         self._source_text = ""
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
-        """Show a text with ink marks. `layout` must be True if the size of the text may have changed."""
+        """Show a text; control characters in the text select styles, as the module `tui.ink` describes.
+        `layout` must be True if the size of the text may have changed.
+        """
         if text != self._source_text:
             self._source_text = text
             self._draw(layout)

@@ -23,6 +23,7 @@ from bcapscope.analysis.slave.motion_model import (
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, Axis
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 from tests.analysis.slave.set_points import set_points
 
 JOINTS = AXES[PoseType.J][:2]
@@ -37,8 +38,12 @@ def followed(
     *,
     cuts: Sequence[int] = (),
     unreadable: Sequence[int] = (),
+    refused: Sequence[int] = (),
 ) -> MotionFacts:
-    """Follow points whose frames are 1, 3, 5 and so on, in pieces that end at `cuts`."""
+    """Follow points whose frames are 1, 3, 5 and so on, in pieces that end at `cuts`.
+
+    The controller has no room for the points at `refused`.
+    """
     count, width = len(points), len(axes)
     poses = np.array(points, np.float64).reshape(count, width)
     model = MotionModel(axes, pose_type, guessed=False)
@@ -52,7 +57,8 @@ def followed(
             if pose is not None:
                 back.poses[row], back.has_pose[row] = pose, True
         frames = part * 2 + 1
-        model.add(set_points(frames * 1_000_000, frames=frames), commanded, back)
+        codes = np.where(np.isin(part, refused), E_SLAVE_OVERFLOW, 0)
+        model.add(set_points(frames * 1_000_000, frames=frames, codes=codes), commanded, back)
     return model.facts(8.0)
 
 
@@ -164,6 +170,13 @@ def test_what_is_no_number_is_counted_and_left_out() -> None:
     assert (motion.read, motion.unread, motion.not_finite) == (1, 1, 2)
     assert motion.not_finite_frames == (3, 5)
     assert motion.axes[0].step is None
+
+
+def test_points_refused_by_a_full_buffer_are_neither_read_nor_unreadable() -> None:
+    points = [(0, 0), (1, 0), (1, 0), (NAN, 0), (5, 0), (2, 0)]
+    motion = followed(points, unreadable=[4], refused=[1, 3, 4])
+    assert (motion.read, motion.unread, motion.not_finite, motion.repeated) == (3, 0, 0, 0)
+    assert followed(points[:5], unreadable=range(5), refused=[1, 3]).unread == 3
 
 
 def test_nothing_that_can_be_read() -> None:

@@ -91,7 +91,7 @@ def test_parameters(parameter: Variant, expected: FormatParameter | None) -> Non
 
 
 def test_poses_that_no_format_returns() -> None:
-    with pytest.raises(ValueError, match="no receive format"):
+    with pytest.raises(ValueError, match="slvRecvFormat cannot"):
         ReceiveFormat(poses=(J, P))
 
 
