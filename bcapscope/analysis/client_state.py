@@ -54,6 +54,7 @@ _READS_ERROR = frozenset(
     ("getcurerrorcount", "getcurerrorinfo", "geterrordescription", "geterrorlog", "geterrorlogcount")
 )
 
+_ERROR_VARIABLES = frozenset(("@error_code", "@error_description"))
 _READS_TYPE = frozenset(("@type", "@type_name"))
 _ENDS_SESSION = frozenset((ID["Service_Stop"], ID["Controller_Disconnect"]))
 _FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "slvchangemode"))
@@ -202,14 +203,14 @@ class ClientState:
         slow = unanswered if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
-        topic = self.topic_of(call)
-        self._follow_attempt(call, topic)
+        command = self.equivalent_command(call)
+        self._follow_attempt(call, command)
         is_point = call.kind.folded_command == "slvmove"
         if reply is None:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
             elif call.reply_not_captured:
-                self._on_success(call, topic)  # the reply that was not captured may have reported success
+                self._on_success(call, command)  # the reply that was not captured may have reported success
             return
         self.answered_count += 1
         code = reply.item.code
@@ -218,15 +219,15 @@ class ClientState:
         elif is_point:
             self._remember_set_point(call)
         else:
-            self._on_success(call, topic)
+            self._on_success(call, command)
 
-    def _follow_attempt(self, call: Call, topic: str) -> None:
+    def _follow_attempt(self, call: Call, command: str) -> None:
         """Record that the client made this call, so that no rule says that the call is missing."""
         function_id = call.kind.function_id
         is_small = call.memory_bytes <= _LARGEST_ATTEMPT
-        if is_small and (topic in _FOLLOWED_COMMANDS or topic == "robslave"):
-            self.latest_calls[topic] = call
-        elif topic == "getrobottypename" or (function_id == ID["Variable_GetValue"] and topic in _READS_TYPE):
+        if is_small and (command in _FOLLOWED_COMMANDS or command == "robslave"):
+            self.latest_calls[command] = call
+        elif command == "getrobottypename" or self._variable_read(call) in _READS_TYPE:
             self.type_was_read = True
         if call.reply is None and function_id in _ENDS_SESSION:
             self.session_end = call
@@ -235,17 +236,24 @@ class ClientState:
         if is_small and creates is not None and not _may_have_succeeded(call):
             self.failed_openings[creates] = call
 
-    def topic_of(self, call: Call) -> str:
-        """Return the command of a call, or the name of its object; "" for other calls."""
+    def equivalent_command(self, call: Call) -> str:
+        """Return the command of a call in lower case. Return `motor` for a write to @SERVO_ON, `robslave` for
+        a Task_Start of RobSlave, and "" for any other call without a command.
+        """
         function_id, command = call.kind
         if command is not None:
             return call.kind.folded_command if function_id in EXECUTES else ""
         name = "" if self.target_object is None else self.target_object.name
         if function_id == ID["Task_Start"]:
             return "robslave" if is_robslave_name(name) else ""
-        if function_id == ID["Variable_PutValue"]:
-            return "motor" if name.casefold() == SERVO_ON.casefold() else ""
-        return name.casefold() if function_id == ID["Variable_GetValue"] else ""
+        switches_motor = function_id == ID["Variable_PutValue"] and name.casefold() == SERVO_ON.casefold()
+        return "motor" if switches_motor else ""
+
+    def _variable_read(self, call: Call) -> str:
+        """Return the name, in lower case, of the variable that a call reads; "" for any other call."""
+        if call.kind.function_id != ID["Variable_GetValue"] or self.target_object is None:
+            return ""
+        return self.target_object.name.casefold()
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
         """Update the slave mode, after `on_call` has received the call that changed it."""
@@ -261,14 +269,14 @@ class ClientState:
             self.mode_ended_by = call
         self.mode_value = change.mode
 
-    def _on_success(self, call: Call, topic: str) -> None:
+    def _on_success(self, call: Call, command: str) -> None:
         function_id = call.kind.function_id
         if call.kind.command is None:
             self._follow_handles(call)
         if function_id == ID["Variable_GetValue"]:
-            self.error_was_read = self.error_was_read or topic in ("@error_code", "@error_description")
+            self.error_was_read = self.error_was_read or self._variable_read(call) in _ERROR_VARIABLES
         elif function_id == ID["Task_Start"]:
-            self.robslave_start = call if topic == "robslave" else self.robslave_start
+            self.robslave_start = call if command == "robslave" else self.robslave_start
         elif function_id == ID["Service_Start"]:
             self._on_service_start(call)
         elif function_id in _ENDS_SESSION:
@@ -277,10 +285,10 @@ class ClientState:
         elif function_id == ID["Controller_Connect"]:
             self.connect_call, self.session_end, self.failed_start = call, None, None
             self._learn_generation(call)
-        elif function_id in MOTION_FUNCTIONS or topic in MOTION_COMMANDS:
+        elif function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS:
             self.last_motion = call
         else:
-            self._on_preparation(call, topic)
+            self._on_preparation(call, command)
 
     def _on_service_start(self, call: Call) -> None:
         self._reset_session()
@@ -289,20 +297,20 @@ class ClientState:
         if is_udp and self.call_count == 1 and call.request.item.serial == 0:
             self.failed_start = call
 
-    def _on_preparation(self, call: Call, topic: str) -> None:
-        if topic == "motor":
+    def _on_preparation(self, call: Call, command: str) -> None:
+        if command == "motor":
             self.motor_call, self.motor_on = call, requested_motor_state(call)
-        elif topic == "takearm":
+        elif command == "takearm":
             self.take_arm_call, self.give_arm_call = call, None
             self._learn_generation(call)
-        elif topic == "givearm":
+        elif command == "givearm":
             self.take_arm_call, self.give_arm_call = None, call
-        elif topic == "putautomode":
+        elif command == "putautomode":
             self._learn_generation(call)
-        elif topic == "clearerror":
+        elif command == "clearerror":
             self.clear_call = call
             self.uncleared_error, self.error_was_read = None, False
-        elif topic in _READS_ERROR:
+        elif command in _READS_ERROR:
             self.error_was_read = True
 
     def _follow_handles(self, call: Call) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
-from bcapscope.capture.packet import Packet
+from bcapscope.capture.packet import Packet, PacketOrigin
 from bcapscope.errors import CaptureError
 
 if TYPE_CHECKING:
@@ -33,21 +33,6 @@ _Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
 """An open capture: time of its next packet, index of the capture, the next packet, and an iterator over the
 later packets.
 """
-
-
-class PacketOrigin(NamedTuple):
-    """The capture that holds a packet, and the packet's number there.
-
-    Attributes:
-        path: Path of the capture, as it was given.
-        name: Name of the capture that users see: the file name, or `path` if another capture has the same
-            file name.
-        packet: Number of the packet in the capture, from 1.
-    """
-
-    path: str
-    name: str
-    packet: int
 
 
 class _Input(NamedTuple):

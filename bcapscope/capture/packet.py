@@ -23,3 +23,18 @@ Packet: TypeAlias = tuple[int, bytes, int, Interface, tuple[str, ...]]
 A packet is a plain tuple because captures hold millions of packets. Creating a named tuple would take longer
 than reading the packet.
 """
+
+
+class PacketOrigin(NamedTuple):
+    """The capture that holds a packet, and the packet's number there.
+
+    Attributes:
+        path: Path of the capture, as it was given.
+        name: Name of the capture that users see: the file name, or `path` if another capture has the same
+            file name.
+        packet: Number of the packet in the capture, from 1.
+    """
+
+    path: str
+    name: str
+    packet: int

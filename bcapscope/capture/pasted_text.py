@@ -86,7 +86,7 @@ def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
 
 
 def _command_problem(request: Frame) -> Problem | None:
-    name = command_name(request.code, [argument.variant for argument in request.arguments])
+    name = command_name(request.code, request.variants) or ""
     near = similar_command(request.code, name) if find_command(request.code, name) is None else None
     if near is None:
         return None

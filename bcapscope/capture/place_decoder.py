@@ -9,7 +9,8 @@ from dataclasses import fields
 from operator import itemgetter
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
+from bcapscope.capture.capture_sequence import CaptureSequence
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
 from bcapscope.capture.place_plan import PlacePlan
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of

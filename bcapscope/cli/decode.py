@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 import click
 
-from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
+from bcapscope.capture.capture_sequence import STDIN
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option

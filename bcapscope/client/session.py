@@ -22,7 +22,7 @@ from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, RequesterOutcome, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
-from bcapscope.protocol.tables.command_catalogue import call_name, command_name
+from bcapscope.protocol.tables.command_catalogue import call_name, command_name, command_parameter
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import E_BUSY, describe_hresult, hresult_name
 from bcapscope.protocol.variant_values import arguments_of
@@ -225,14 +225,16 @@ async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaita
 
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     """Return the command of a Robot_Execute in lower case; "" for any other call."""
-    return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
+    command = command_name(function_id, arguments) if function_id == _ROBOT_EXECUTE else None
+    return (command or "").casefold()
 
 
 def requested_slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
     """Return the slave mode that a call requests; None if the call does not change slave mode."""
-    if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
+    parameter = command_parameter(arguments)
+    if parameter is None or command_of(function_id, arguments) != "slvchangemode":
         return None
-    return integer_value(arguments[2]) or 0
+    return integer_value(parameter) or 0
 
 
 @asynccontextmanager

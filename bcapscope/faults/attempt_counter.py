@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from hashlib import blake2b
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_ATTEMPTS = 16
 """Largest attempt number that bcapscope infers from serials. The limit is twice the number of attempts that
@@ -71,7 +72,7 @@ class AttemptCounter:
             del self._conversations[next(iter(self._conversations))]
         self._conversations[flow.conversation] = serials
         return (
-            serials.find(frame.serial) if flow.direction is Direction.RESPONSE else serials.add_request(frame)
+            serials.get(frame.serial) if flow.direction is Direction.RESPONSE else serials.add_request(frame)
         )
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
@@ -79,46 +80,35 @@ class AttemptCounter:
         an attempt.
         """
         serials = self._conversations.get(flow.conversation)
-        known = serials.find(request.serial) if serials else None
+        known = serials.get(request.serial) if serials else None
         return known.call if known and known.call.content == _content_key(request) else None
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._conversations.pop(conversation, None)
 
 
-@dataclass(eq=False, slots=True)
-class _AttemptsBySerial:
-    """The latest attempts of one conversation, by serial. New attempts are added to `latest`. When `latest`
-    is full, it becomes `earlier`, and a new `latest` begins.
-    """
-
-    latest: dict[int, CallAttempt] = field(default_factory=dict)
-    earlier: dict[int, CallAttempt] = field(default_factory=dict)
-
-    def find(self, serial: int) -> CallAttempt | None:
-        return self.latest.get(serial) or self.earlier.get(serial)
+class _AttemptsBySerial(RecentSerials[CallAttempt]):
+    """The latest attempts of one conversation, by serial."""
 
     def add_request(self, frame: Frame) -> CallAttempt:
         serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
-        known = self.find(serial)
+        known = self.get(serial)
         if known and known.call.content == content and reserved not in (0, serial):
             return known  # the network has duplicated this request
         found = self._new_attempt(serial, reserved, content)
         found.call.attempts = max(found.call.attempts, found.number)
-        self.latest[serial] = found
-        if len(self.latest) >= MAX_SERIALS:
-            self.earlier, self.latest = self.latest, {}
+        self.put(serial, found)
         return found
 
     def _new_attempt(self, serial: int, reserved: int, content: bytes) -> CallAttempt:
         if reserved in (0, serial):
             return CallAttempt(AttemptedCall(content, 1), 1)
-        origin = self.find(reserved)
+        origin = self.get(reserved)
         if origin and origin.call.content == content:
             return CallAttempt(origin.call, origin.call.attempts + 1)
         # The first attempt was lost on its way to this program. Each retry has the next serial, so the
         # difference of the serials gives the number of the attempt.
         behind = (serial - reserved) & 0xFFFF
         found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
-        self.latest[reserved] = CallAttempt(found.call, 1)
+        self.put(reserved, CallAttempt(found.call, 1))
         return found

@@ -178,7 +178,7 @@ class FaultInjector:
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
-            return FaultResult(outputs, (self._half_open[flow.conversation],), False)
+            return FaultResult(outputs, (self._half_open[flow.conversation],))
         if not self.active_faults:
             return self._pass_unchanged(flow, data, now, outputs)
         self._message_count += 1
@@ -198,7 +198,7 @@ class FaultInjector:
         if self.is_full and message.is_datagram and not work.is_lost:
             touched = (*touched, *_drop_beyond_limit(work))
         self._schedule(work, touched)
-        return FaultResult(outputs + self.advance(now), touched, not work.is_lost)
+        return FaultResult(outputs + self.advance(now), touched)
 
     def due(self) -> int | None:
         """Return the time in ns at which the next held output must be sent; None if nothing is held."""

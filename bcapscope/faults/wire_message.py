@@ -60,12 +60,10 @@ class FaultResult(msgspec.Struct, frozen=True):
         outputs: What to do now, in this order: bytes to send and connections to close. Held messages that are
             due now come first.
         fault_notes: What each fault did to this message, such as ``loss: dropped``.
-        forwarded: True if the message is forwarded, now or later; False if it is lost or was answered.
     """
 
     outputs: list[FaultOutput]
     fault_notes: tuple[Message, ...] = ()
-    forwarded: bool = True
 
 
 class WireMessage:

@@ -10,12 +10,11 @@ from collections.abc import Sequence
 
 from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
-from bcapscope.protocol.tables.command_catalogue import find_command
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, command_name, find_command
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
 from bcapscope.protocol.tables.variables import write_effect
 
-_EXECUTES = frozenset(function.id for function in FUNCTIONS.values() if function.name.endswith("_Execute"))
-_COMMAND_EXECUTE, _ROBOT_EXECUTE = ID["Command_Execute"], ID["Robot_Execute"]
+_ROBOT_EXECUTE = ID["Robot_Execute"]
 _PUT_VALUE = ID["Variable_PutValue"]
 _GETS_FILE = (ID["Controller_GetFile"], ID["File_GetFile"])
 
@@ -37,11 +36,11 @@ def request_effect(function_id: int, arguments: Sequence[Variant], variable: str
     """
     if function_id == _PUT_VALUE:
         return write_effect(variable, arguments[1]) if len(arguments) == 2 else CallEffect.MOVES
-    if function_id in _EXECUTES and function_id != _COMMAND_EXECUTE:
+    if function_id in COMMAND_FUNCTIONS:
         return _command_effect(function_id, arguments)
     if function_id in _GETS_FILE:
-        option = _text_argument(arguments, 2)
-        creates_file = option is None or "@create" in option.casefold()
+        option = arguments[2].value if len(arguments) > 2 else None
+        creates_file = not isinstance(option, str) or "@create" in option.casefold()
         return CallEffect.CHANGES if creates_file else CallEffect.SESSION
     return function_effect(function_id)
 
@@ -58,12 +57,13 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
         return False
     if function.releases is not None or function_id in _STOPPING_FUNCTIONS:
         return True
-    if function_id not in _EXECUTES or len(arguments) > _ARGUMENTS_WITH_PARAMETER:
+    command = command_name(function_id, arguments)
+    if command is None or len(arguments) > _ARGUMENTS_WITH_PARAMETER:
         return False
-    name = (_text_argument(arguments, 1) or "").casefold()
+    name = command.casefold()
     if name in _STOPPING_COMMANDS:
         return find_command(function_id, name) is not None
-    return function_id == _ROBOT_EXECUTE and name == "slvchangemode" and _switches_off(arguments)
+    return function_id == _ROBOT_EXECUTE and name == "slvchangemode" and _switches_off(name, arguments)
 
 
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
@@ -89,14 +89,15 @@ def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str =
 
 
 def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffect:
-    known = find_command(function_id, _text_argument(arguments, 1) or "")
+    known = find_command(function_id, command_name(function_id, arguments) or "")
     if known is None:
         return CallEffect.MOVES
-    switches_off = known.name.casefold() in _SWITCH_COMMANDS and _switches_off(arguments)
+    name = known.name.casefold()
+    switches_off = name in _SWITCH_COMMANDS and _switches_off(name, arguments)
     return CallEffect.CHANGES if switches_off else known.effect
 
 
-def _switches_off(arguments: Sequence[Variant]) -> bool:
+def _switches_off(command: str, arguments: Sequence[Variant]) -> bool:
     """Return whether the parameter of Motor or slvChangeMode is certainly 0. For Motor, the parameter may
     also be an array whose first element is 0.
     """
@@ -104,13 +105,8 @@ def _switches_off(arguments: Sequence[Variant]) -> bool:
         return False
     parameter = arguments[2]
     if isinstance(parameter.value, tuple):
-        if (_text_argument(arguments, 1) or "").casefold() != "motor" or not parameter.value:
+        if command != "motor" or not parameter.value:
             return False
         first = parameter.value[0]
         parameter = first if isinstance(first, Variant) else Variant(parameter.vt, first)
     return integer_value(parameter) == 0
-
-
-def _text_argument(arguments: Sequence[Variant], index: int) -> str | None:
-    value = arguments[index].value if index < len(arguments) else None
-    return value if isinstance(value, str) else None

@@ -21,9 +21,9 @@ from bcapscope.protocol.codec.frame import (
 from bcapscope.protocol.codec.frame_content import has_compressed_header, has_zlib_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.guard import always_passes, passes_read_only
-from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
-from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, CallKinds
+from bcapscope.traffic.call_kind import CallKind, CallKinds
 from bcapscope.traffic.filter.tokens import with_nearest
 
 _FUNCTIONS = {function.name.casefold(): function.id for function in FUNCTIONS.values()}

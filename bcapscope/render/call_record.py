@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import orjson
 
-from bcapscope.capture.capture_sequence import PacketOrigin
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult
 from bcapscope.render.frame_record import INTEGER_PLACE, JSON_PLACE, json_template

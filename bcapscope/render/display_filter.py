@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
-from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
+from bcapscope.capture.capture_sequence import STDIN
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call import Call, StrayReply

@@ -9,7 +9,7 @@ from typing import Any
 import orjson
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity, TrafficTotals
-from bcapscope.capture.capture_sequence import PacketOrigin
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.message import message_params
 from bcapscope.messages.places import Count, Duration, Moment, Times, frames_text

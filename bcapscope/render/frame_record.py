@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import orjson
 
-from bcapscope.capture.capture_sequence import PacketOrigin
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.frame_template import (

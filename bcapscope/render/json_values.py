@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 import orjson
 
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
-from bcapscope.capture.capture_sequence import PacketOrigin
+from bcapscope.capture.packet import PacketOrigin
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.observation import Conversation

@@ -19,7 +19,7 @@ from bcapscope.player.player_messages import (
     PlayOutcome,
     PlayProgress,
 )
-from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, describe_mode
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import display_width
@@ -46,7 +46,7 @@ def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORD
     if known is None:
         entered = words("play.mode", mode=mode)
     else:
-        entered = words("play.mode.known", mode=mode, meaning=describe_mode(known))
+        entered = words("play.mode.known", mode=mode, meaning=known.description)
     return f"{', '.join((kind, peer.generation, *facts))}; {entered}"
 
 

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from copy import copy
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
-from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.retry.responder import RequestKind, Responder
-from bcapscope.protocol.tables.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
+from bcapscope.protocol.retry.reserved_convention import ReplyReserved
+from bcapscope.protocol.tables.hresult import E_NOTIMPL, E_TOO_MUCH_DATA
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
-from bcapscope.simulator.call_executor import MAX_WAITING, CallReport
+from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.call_outcome import CallResult
+from bcapscope.simulator.hosted_client import HostedClient
 from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
@@ -83,26 +84,25 @@ def _casefolded(kind: CallKind) -> CallKind:
     return kind if command is None else CallKind(kind.function_id, command.casefold())
 
 
-class _ReplayClient:
+class _ReplayClient(HostedClient):
     """Replays the recording to one client. The replay answers one call at a time."""
 
     def __init__(
         self,
         number: int,
+        udp: bool,
+        reply_reserved: ReplyReserved,
         lookup: ScriptLookup,
-        responder: Responder,
         *,
         delays: bool,
         report: Callable[[CallReport, bool], None],
     ) -> None:
         """After each answered call, `report` gets the call and whether its reply comes from the recording."""
-        self.last_heard = 0
+        super().__init__(udp, reply_reserved)
         self._number = number
         self._delays = delays
         self._report = report
         self._lookup = lookup
-        self._responder = responder
-        self._waiting: deque[Frame] = deque()
         self._frame: Frame | None = None
         self._script_call: ScriptCall | None = None
         self._began = 0
@@ -110,43 +110,19 @@ class _ReplayClient:
 
     @property
     def running(self) -> bool:
-        return self._next_frame_at() is not None
+        return self.due(self._began) is not None
 
-    def due(self, now: int) -> int | None:
-        return self._next_frame_at()
-
-    def close(self) -> None:
-        """Do nothing, because the replay keeps no objects open for a client."""
-
-    def on_request(self, frame: Frame, now: int) -> list[bytes]:
-        self.last_heard = now
-        decision = self._responder.receive_request(frame)
-        if decision.kind is RequestKind.BUSY and self._is_unanswered:
-            # The recording has no reply to this call, so the call ends with the client's next request.
-            self._responder.abandon_call()
-            decision = self._responder.receive_request(frame)
-        if decision.kind is RequestKind.NEW:
-            self._start_call(frame, now)
-            return []
-        if decision.reply is not None:
-            return [decision.reply]
-        if decision.kind is RequestKind.BUSY:
-            if len(self._waiting) >= MAX_WAITING:
-                return [self._responder.reply_unremembered(frame, E_BUSY)]
-            self._waiting.append(frame)
-        return []
-
-    def poll(self, now: int) -> Iterator[bytes]:
-        while (due := self._next_frame_at()) is not None and due <= now:
+    def poll(self, now: int) -> list[bytes]:
+        frames: list[bytes] = []
+        while (due := self.due(now)) is not None and due <= now:
             if self._notice_offsets:
                 self._notice_offsets.popleft()
-                yield self._responder.executing_notice()
-                continue
-            yield self._answer_call(now)
-            while self._waiting and (self._is_unanswered or not self._responder.is_call_running):
-                yield from self.on_request(self._waiting.popleft(), now)
+                frames.append(self._responder.executing_notice())
+            else:
+                frames += [self._answer_call(now), *self._start_waiting(now)]
+        return frames
 
-    def _next_frame_at(self) -> int | None:
+    def due(self, now: int) -> int | None:
         """Return the time in ns from which `poll` yields the next frame; None if there is no next frame."""
         if self._frame is None:
             return None
@@ -160,12 +136,13 @@ class _ReplayClient:
         """Whether the recording has no reply to the current call."""
         return self._frame is not None and self._script_call is not None and self._script_call.hresult is None
 
-    def _start_call(self, frame: Frame, now: int) -> None:
+    def _start_call(self, frame: Frame, now: int) -> list[bytes]:
         self._frame, self._began = frame, now
         self._script_call = self._lookup.find(call_kind_of(frame), frame.variants)
         self._notice_offsets.clear()
         if self._script_call is not None and self._delays:
             self._notice_offsets.extend(self._script_call.notice_offsets)
+        return []
 
     def _answer_call(self, now: int) -> bytes:
         frame, call = self._frame, self._script_call
@@ -220,10 +197,5 @@ class RecordedController(ClientHost):
             self.unknown_calls += not is_known
             report(call)
 
-        responder = Responder(
-            expects_retries=udp,
-            reply_reserved=self._reply_reserved,
-            largest_answer=LARGEST_UDP_FRAME if udp else LARGEST_FRAME,
-        )
-        lookup = self._lookup.for_new_client()
-        return _ReplayClient(number, lookup, responder, delays=self._delays, report=on_answered)
+        setting = number, udp, self._reply_reserved, self._lookup.for_new_client()
+        return _ReplayClient(*setting, delays=self._delays, report=on_answered)

@@ -18,6 +18,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallAnswered, CallTimedOut, RequesterOutcome
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import pose_numbers
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, ResultKind
 from bcapscope.protocol.tables.hresult import is_failure, is_success
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
@@ -159,7 +160,8 @@ class ScriptPlayer:
             return
         moves = (line for line in self._script.calls[place + 1 :] if line.kind.folded_command == "slvmove")
         first = next(moves, None)
-        goal = None if first is None or len(first.arguments) < 3 else pose_numbers(first.arguments[2])
+        parameter = None if first is None else command_parameter(first.arguments)
+        goal = None if parameter is None else pose_numbers(parameter)
         if first is None or goal is None:
             return
         try:

@@ -27,6 +27,7 @@ from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
@@ -53,9 +54,10 @@ class SetPointRun(NamedTuple):
 
 def mode_entered(call: ScriptCall) -> int | None:
     """Return the number of the slave mode that a call enters; None if the call does not enter slave mode."""
-    if call.kind.folded_command != "slvchangemode" or len(call.arguments) < 3:
+    parameter = command_parameter(call.arguments)
+    if parameter is None or call.kind.folded_command != "slvchangemode":
         return None
-    return integer_value(call.arguments[2]) or None
+    return integer_value(parameter) or None
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
@@ -108,7 +110,7 @@ def _run_of(kind: PoseType, calls: list[ScriptCall]) -> SetPointRun:
 
 
 def _pose_numbers(call: ScriptCall, kind: PoseType) -> tuple[float, ...]:
-    parameter = call.arguments[2] if len(call.arguments) > 2 else None
+    parameter = command_parameter(call.arguments)
     row = None if parameter is None else pose_numbers(parameter)
     if row is None and parameter is not None:
         pose = parse_set_point(parameter, kind).pose

@@ -8,23 +8,20 @@ call blocks only its own client.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
 from bcapscope.errors import TooLargeError
-from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import EMPTY, Variant
-from bcapscope.protocol.retry.responder import RequestKind, Responder
+from bcapscope.protocol.tables.command_catalogue import command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.protocol.tables.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
 from bcapscope.simulator.call_outcome import CallResult, RunningCall
 from bcapscope.simulator.client_session import ClientSession
+from bcapscope.simulator.hosted_client import HostedClient
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
-
-MAX_WAITING = 16
-"""Maximum number of a client's requests that wait while a call runs. Only bcapscope has this limit."""
 
 MAX_KEPT_REPLIES = 8
 """Number of replies that the simulator keeps, so that it can answer retries. No client sends so many retries.
@@ -32,7 +29,6 @@ Every call becomes slower with each further reply in memory.
 """
 
 _ROBOT_EXECUTE = 64
-_NEW = RequestKind.NEW
 _FUNCTIONS_WITH_RESULT = frozenset(
     each.id for each in FUNCTIONS.values() if each.result is not ResultKind.NONE
 )
@@ -49,46 +45,23 @@ class CallReport(NamedTuple):
     ended: int
 
 
-class CallExecutor:
-    """Runs the calls of one client; `last_heard` is the time of the client's last request in ns."""
+class CallExecutor(HostedClient):
+    """Runs the calls of one client."""
+
+    running: RunningCall | None = None
 
     def __init__(
         self, machine: Machine, number: int, udp: bool, report: Callable[[CallReport], None]
     ) -> None:
+        profile = machine.profile
+        super().__init__(udp, profile.replies, MAX_KEPT_REPLIES, profile.defects)
         self.session = ClientSession(machine, number)
-        self.last_heard = 0
-        self.running: RunningCall | None = None
-        self._profile = machine.profile
+        self._profile = profile
         self._report = report
-        self._responder = Responder(
-            expects_retries=udp,
-            reply_reserved=machine.profile.replies,
-            remembered=MAX_KEPT_REPLIES,
-            largest_answer=LARGEST_UDP_FRAME if udp else LARGEST_FRAME,
-            defects=machine.profile.defects,
-        )
-        self._waiting: deque[Frame] = deque()
         self._request: tuple[int, tuple[Variant, ...], int] = (0, (), 0)
         self._next_notice: int | None = None
-        self._is_timed_out = False
-
-    def on_request(self, frame: Frame, now: int) -> list[bytes]:
-        self.last_heard = now
-        decision = self._responder.receive_request(frame)
-        if decision.kind is _NEW:
-            frames = self._execute(frame, now)
-            return frames + self._execute_waiting(now) if self._waiting else frames
-        if decision.reply is not None:
-            return [decision.reply]
-        if decision.kind is RequestKind.RUNNING:
-            return []
-        if self._is_timed_out or len(self._waiting) >= MAX_WAITING:
-            return [self._responder.reply_unremembered(frame, E_BUSY)]
-        self._waiting.append(frame)
-        return []
 
     def poll(self, now: int) -> list[bytes]:
-        """Return the frames to send now: the reply to a finished call, or a notice that is due."""
         if self.running is None:
             return []
         answer = self.running.poll(now)
@@ -97,23 +70,20 @@ class CallExecutor:
         self.running = None
         reply = self._answer(answer, now)
         stuck, self._is_timed_out = self._is_timed_out, False
-        return [*([] if stuck else [reply]), *self._execute_waiting(now)]
+        return [*([] if stuck else [reply]), *self._start_waiting(now)]
 
     def due(self, now: int) -> int | None:
-        """Return the time of the next poll in ns; None if no call runs."""
         if self.running is None:
             return None
         due = self.running.due(now)
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self) -> None:
-        """End the session of a client that is gone. The client gets no more replies to its requests."""
         self.running = None
-        self._waiting.clear()
-        self._responder.reset()
+        super().close()
         self.session.end()
 
-    def _execute(self, frame: Frame, now: int) -> list[bytes]:
+    def _start_call(self, frame: Frame, now: int) -> list[bytes]:
         arguments = frame.variants
         self._request = (frame.code, arguments, now)
         outcome = self.session.call(frame.code, arguments, now)
@@ -122,17 +92,6 @@ class CallExecutor:
         self.running = outcome
         self._next_notice = None if self.session.wdt is None else now + self.session.wdt
         return []
-
-    def _execute_waiting(self, now: int) -> list[bytes]:
-        frames: list[bytes] = []
-        while self._waiting and self.running is None:
-            frame = self._waiting.popleft()
-            decision = self._responder.receive_request(frame)
-            if decision.kind is RequestKind.NEW:
-                frames += self._execute(frame, now)
-            elif decision.reply is not None:
-                frames.append(decision.reply)
-        return frames
 
     def _due_notices(self, now: int) -> list[bytes]:
         if self._next_notice is None or now < self._next_notice or self.session.wdt is None:
@@ -167,7 +126,5 @@ class CallExecutor:
         which = self._profile.no_argument
         if which is not NoArgument.SLVCHANGEMODE:
             return () if which is NoArgument.ALWAYS else (EMPTY,)
-        arguments = self._request[1]
-        command = arguments[1].value if function_id == _ROBOT_EXECUTE and len(arguments) > 1 else None
-        is_change_mode = isinstance(command, str) and command.casefold() == "slvchangemode"
-        return () if is_change_mode else (EMPTY,)
+        command = command_name(function_id, self._request[1]) if function_id == _ROBOT_EXECUTE else None
+        return () if (command or "").casefold() == "slvchangemode" else (EMPTY,)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
-from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
+from bcapscope.protocol.tables.command_catalogue import CommandSpec, command_name, commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import (
     E_CAO_COLLECTION_REGISTERED,
@@ -170,8 +170,7 @@ def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], i
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:
-        value = arguments[1].value if len(arguments) > 1 else None
-        name = value.casefold() if isinstance(value, str) else ""
+        name = (command_name(function_id, arguments) or "").casefold()
         return name not in refused or (is_other and name in _OTHER_CLIENTS_COMMANDS)
     if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
         return True

@@ -7,9 +7,9 @@ like a frame but is not a frame. The simulator drops and counts a datagram that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable
 from functools import partial
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.codec.frame_content import EOT, SMALLEST_FRAME, SOH
@@ -17,6 +17,7 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
 from bcapscope.simulator.call_executor import CallExecutor, CallReport
+from bcapscope.simulator.hosted_client import HostedClient
 from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import Profile
 
@@ -49,19 +50,6 @@ class SimulatorOutput(NamedTuple):
 
     peer: Peer
     data: bytes
-
-
-class HostedClient(Protocol):
-    """Interface of an object that runs the calls of one client. Each method works as in `CallExecutor`."""
-
-    last_heard: int
-
-    @property
-    def running(self) -> object: ...
-    def on_request(self, frame: Frame, now: int) -> list[bytes]: ...
-    def poll(self, now: int) -> Iterable[bytes]: ...
-    def due(self, now: int) -> int | None: ...
-    def close(self) -> None: ...
 
 
 ClientFactory: TypeAlias = Callable[[int, bool, Callable[[CallReport], None]], HostedClient]
@@ -187,6 +175,7 @@ class ClientHost:
 
     def _on_request(self, peer: Peer, client: HostedClient, frame: Frame, now: int) -> list[SimulatorOutput]:
         """Process a request, then poll the running calls: the request may have completed them."""
+        client.last_heard = now
         outputs = []
         for each in client.on_request(frame, now):
             # a comprehension costs a function call, so a loop is faster

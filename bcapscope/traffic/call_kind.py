@@ -6,19 +6,15 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, signed_function_id
 from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
+from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
 """Maximum number of request prefixes that `CallKinds` remembers. Beyond the limit, `CallKinds` forgets all
 prefixes. A session has a few dozen prefixes: one per pair of handle and command.
-"""
-
-MAX_SERIALS = 1024
-"""`RecentRequests` remembers at least this many of the latest requests of each conversation, and at most
-twice as many. A thousand requests are enough to match a reply that is a second late, even if the client sends
-a set point every millisecond.
 """
 
 MAX_CONVERSATIONS = 256
@@ -29,13 +25,6 @@ C/src/bCAPServer/bcap_server.c).
 
 LONGEST_NAME = 256
 """Maximum number of characters of a command's or object's name. Real names are far shorter."""
-
-COMMAND_FUNCTIONS = frozenset(
-    function.id
-    for function in FUNCTIONS.values()
-    if len(function.params) > 1 and function.params[1].name == "bstrCommand"
-)
-"""The ..._Execute functions, which take a command name as their second argument."""
 
 _REQUEST = Direction.REQUEST
 _FUNCTION_ID = 9
@@ -70,9 +59,8 @@ def call_kind_of(request: Frame) -> CallKind:
     """Return the function and command of a request."""
     if request.code not in COMMAND_FUNCTIONS:
         return _BY_ID.get(request.code) or CallKind(signed_function_id(request.code), None)
-    arguments = request.arguments
-    value = arguments[1].variant.value if len(arguments) > 1 else None
-    return CallKind(request.code, shortened(value, LONGEST_NAME) if isinstance(value, str) else None)
+    command = command_name(request.code, request.variants)
+    return CallKind(request.code, None if command is None else shortened(command, LONGEST_NAME))
 
 
 class CallKinds:
@@ -117,9 +105,9 @@ class RecentRequests:
 
     def __init__(self) -> None:
         self._kind_of = CallKinds().kind_of
-        self._conversations: dict[Conversation, _KindsBySerial] = {}
+        self._conversations: dict[Conversation, RecentSerials[CallKind]] = {}
         self._current_conversation: Conversation | None = None
-        self._current = _KindsBySerial()
+        self._current: RecentSerials[CallKind] = RecentSerials()
 
     def kind_of(self, observation: Observation) -> CallKind | None:
         """Return the kind of a request, or of the request that a reply answers.
@@ -132,33 +120,20 @@ class RecentRequests:
             return None
         if flow.conversation is not self._current_conversation:
             self._select_conversation(flow.conversation)
-        asked = self._current
         if flow.direction is not _REQUEST:
-            return asked.latest.get(frame.serial) or asked.earlier.get(frame.serial)
+            return self._current.get(frame.serial)
         kind = self._kind_of(frame)
-        asked.latest[frame.serial] = kind
-        if len(asked.latest) >= MAX_SERIALS:
-            asked.earlier, asked.latest = asked.latest, {}
+        self._current.put(frame.serial, kind)
         return kind
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._conversations.pop(conversation, None)
         if self._current_conversation is conversation:
-            self._current_conversation, self._current = None, _KindsBySerial()
+            self._current_conversation, self._current = None, RecentSerials()
 
     def _select_conversation(self, conversation: Conversation) -> None:
-        asked = self._conversations.pop(conversation, None) or _KindsBySerial()
+        asked = self._conversations.pop(conversation, None) or RecentSerials()
         while len(self._conversations) >= MAX_CONVERSATIONS:
             del self._conversations[next(iter(self._conversations))]
         self._conversations[conversation] = asked
         self._current_conversation, self._current = conversation, asked
-
-
-class _KindsBySerial:
-    """Kinds of the calls of one conversation. When the table `latest` is full, this table replaces the table
-    `earlier`.
-    """
-
-    def __init__(self) -> None:
-        self.latest: dict[int, CallKind] = {}
-        self.earlier: dict[int, CallKind] = {}

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.recent_serials import RecentSerials
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
 """Maximum number of reused serials in the table, and of unanswered TCP calls per reused serial."""
-
-MAX_SETTLED_SERIALS = 1024
-"""The table remembers at least this number of serials of settled calls, and at most twice this number."""
 
 
 class SerialTable:
@@ -24,14 +22,13 @@ class SerialTable:
     def __init__(self) -> None:
         self.open_calls: dict[int, Call] = {}
         self.reused: dict[int, list[Call | int]] = {}
-        self._settled: dict[int, int] = {}
-        self._older_settled: dict[int, int] = {}
+        self._settled: RecentSerials[int] = RecentSerials()
 
     def settled_call(self, serial: int) -> int | None:
         """Return `Call.number` of the latest complete call with this serial; None if the table has no such
         call.
         """
-        return self._settled.get(serial) or self._older_settled.get(serial)
+        return self._settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
         """Record that attempts of a call with the serials between `before` and `after` were not captured."""
@@ -52,10 +49,7 @@ class SerialTable:
         """Remove a serial of a call from `open_calls`. The call gets no more frames."""
         if self.open_calls.get(serial) is call:
             del self.open_calls[serial]
-        settled = self._settled
-        settled[serial] = call.number
-        if len(settled) >= MAX_SETTLED_SERIALS:
-            self._older_settled, self._settled = settled, {}
+        self._settled.put(serial, call.number)
         if serial in self.reused:
             queue = self.reused[serial]
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import Variant, integer_value
+from bcapscope.protocol.codec.variant import integer_value
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import (
     E_NOT_IN_SLAVE_MODE,
@@ -28,7 +28,6 @@ _ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
 _SESSION_BOUNDARIES = frozenset(
     ID[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect")
 )
-_PARAMETER = 2
 
 
 class SlaveModeEffect(Enum):
@@ -79,17 +78,11 @@ def is_set_point(call_kind: CallKind) -> bool:
     return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
 
 
-def execute_parameter(request: Frame) -> Variant | None:
-    """Return the argument vntParam of an ..._Execute request; None if this argument is missing."""
-    arguments = request.arguments
-    return arguments[_PARAMETER].variant if len(arguments) > _PARAMETER else None
-
-
 def requested_mode(call: Call) -> int | None:
     """Return the mode that a slvChangeMode call requests; None for other calls and for an unreadable mode."""
     if call.kind.folded_command != "slvchangemode":
         return None
-    parameter = execute_parameter(call.request.item)
+    parameter = command_parameter(call.request.item.variants)
     return None if parameter is None else integer_value(parameter)
 
 
@@ -176,7 +169,7 @@ def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenS
     handle = handle_of(call.request.item)
     others = tuple(robot for robot in known.robots if robot != handle)
     if effect is SlaveModeEffect.MODE_CHANGED:
-        parameter = execute_parameter(call.request.item)
+        parameter = command_parameter(call.request.item.variants)
         leaves = parameter is not None and parameter.value == (0,)  # an array of one number
         mode = 0 if leaves else requested_mode(call)
         return OpenSlaveMode(mode, others if mode == 0 or handle is None else (*others, handle))

@@ -17,10 +17,12 @@ from bcapscope.protocol.codec import arguments, frame_content, stream_splitter, 
 from bcapscope.protocol.codec.variant import ARRAY, VT, vt_name
 from bcapscope.protocol.slave_mode.modes import MODES
 from bcapscope.protocol.tables import hresult
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.render.escape import printable
-from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, LONGEST_NAME, MAX_SERIALS
+from bcapscope.traffic.call_kind import LONGEST_NAME
 from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, RETRY_WITHIN_NS
+from bcapscope.traffic.recent_serials import MAX_SERIALS
 from bcapscope.traffic.serial_table import MAX_REUSED
 
 PARTS = ("inflate", "decoder", "splitter", "dissector")

@@ -78,6 +78,18 @@ def test_an_arm_that_is_not_held(prepare: Play, words: str, cause: str) -> None:
     assert _cause(found, "arm-not-taken") == cause
 
 
+@pytest.mark.parametrize("code", [0, _INVALID])
+def test_reading_a_variable_with_the_name_of_a_command_is_no_such_command(code: int) -> None:
+    def reads(story: Story) -> None:
+        client = story.talkers[0]
+        client.call(50, "Controller_GetVariable", CONTROLLER, text("TakeArm"), text(""), result=i4(7))
+        client.call(60, "Variable_GetValue", i4(7), result=i4(1), code=code)
+
+    found = _after(reads, "slvChangeMode", _NO_ARM)
+    (finding,) = found.of("arm-not-taken")
+    assert "the capture shows no TakeArm of this client" in sentence_of(finding, found.seen)
+
+
 def test_a_takearm_of_an_earlier_session_does_not_refute_the_reason() -> None:
     def play(story: Story) -> None:
         client = story.client()

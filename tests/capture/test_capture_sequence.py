@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from bcapscope.capture import capture_sequence
 from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, PacketOrigin, capture_names
-from bcapscope.capture.packet import Interface
+from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, capture_names
+from bcapscope.capture.packet import Interface, PacketOrigin
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
 from tests.capture.packets import from_client, pcap_header, pcap_record, request

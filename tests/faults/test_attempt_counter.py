@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from bcapscope.faults.attempt_counter import AttemptCounter
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Endpoint, Transport
+from bcapscope.traffic.recent_serials import MAX_SERIALS
 from tests.faults.traffic import Talk, reply, request, talk
 
 

@@ -62,6 +62,11 @@ def sent(outputs: Iterable[FaultOutput]) -> list[bytes]:
     return [output.data for output in outputs if isinstance(output, SendBytes)]
 
 
+def passes(machine: FaultInjector, flow: Flow, data: bytes) -> bool:
+    """Process a message at time 0. Return whether exactly this message is sent at once."""
+    return sent(machine.process_message(flow, data, 0).outputs) == [data]
+
+
 def closed(outputs: Iterable[FaultOutput]) -> list[CloseConnection]:
     """Give the connections that are ended."""
     return [output for output in outputs if isinstance(output, CloseConnection)]

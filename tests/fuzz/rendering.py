@@ -9,13 +9,14 @@ from collections.abc import Iterator
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.variant import VT, vt_name
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS
 from bcapscope.protocol.tables.function_table import signed_function_id
 from bcapscope.render.csv_table import COLUMNS, CsvTableRenderer
 from bcapscope.render.frame_line import FrameLineRenderer
 from bcapscope.render.frame_record import FrameRecordRenderer
 from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
-from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, RecentRequests
+from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.observation import (
     SERVER_PORT,
     Conversation,

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import LARGEST_GARBAGE, LARGEST_UNCONFIRMED
-from bcapscope.simulator.call_executor import MAX_KEPT_REPLIES, MAX_WAITING, CallExecutor
+from bcapscope.simulator.call_executor import MAX_KEPT_REPLIES, CallExecutor
 from bcapscope.simulator.function_handlers import MAX_FILES
+from bcapscope.simulator.hosted_client import MAX_WAITING
 from bcapscope.simulator.machine import MAX_ACTIVE, MAX_RECORDS
 from bcapscope.simulator.object_table import MAX_OBJECTS
 from bcapscope.simulator.profile import PROFILES

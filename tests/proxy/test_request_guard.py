@@ -13,10 +13,9 @@ from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame, parse_d
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.guard import always_passes, passes_read_only
 from bcapscope.protocol.tables.call_effect import CallEffect
-from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.proxy.request_guard import GuardTarget, RequestGuard, read_target
-from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS
 from tests.english import english
 from tests.strategies import mutated_frames
 

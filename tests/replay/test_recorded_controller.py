@@ -15,7 +15,7 @@ from bcapscope.protocol.tables.hresult import E_BUSY, E_FAIL, E_NOTIMPL, E_TOO_M
 from bcapscope.replay.recorded_controller import IDLE_CLIENT_NS, RecordedController, ScriptLookup
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.call_executor import MAX_WAITING
+from bcapscope.simulator.hosted_client import MAX_WAITING
 from bcapscope.simulator.simulator import MAX_CLIENTS, SimulatorOutput
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
@@ -222,6 +222,19 @@ def test_clients_have_a_script_each_and_their_number_is_bounded() -> None:
     assert controller.on_datagram("yet another", get(1), IDLE_CLIENT_NS) == []
     (output,) = controller.on_datagram(1, get(2), IDLE_CLIENT_NS)
     assert Frame(output.data).arguments[0].variant.value == 2
+
+
+def test_a_request_that_waits_counts_from_its_arrival() -> None:
+    second = 1000 * MS
+    controller = played(line(GET, i4(1), duration=second))
+    controller.on_datagram(0, get(1), 0)
+    controller.on_datagram(0, get(2), 0)
+    for number in range(1, MAX_CLIENTS):
+        controller.on_datagram(number, get(1), 1)
+    assert len(controller.advance(second + 1)) == MAX_CLIENTS
+    controller.on_datagram("one more", get(1), IDLE_CLIENT_NS)
+    assert controller.dropped == 0
+    assert (0, 2) not in [(peer, Frame(data).serial) for peer, data in controller.advance(3 * second)]
 
 
 def test_clients_of_one_transport_take_no_room_of_the_other() -> None:

@@ -11,7 +11,6 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.call_kind import (
     MAX_CONVERSATIONS,
     MAX_KINDS,
-    MAX_SERIALS,
     CallKind,
     CallKinds,
     RecentRequests,
@@ -26,6 +25,7 @@ from bcapscope.traffic.observation import (
     Observation,
     Transport,
 )
+from bcapscope.traffic.recent_serials import MAX_SERIALS
 
 SLV_MOVE = CallKind(64, "slvMove")
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Transport
-from bcapscope.traffic.serial_table import MAX_SETTLED_SERIALS, SerialTable
+from bcapscope.traffic.recent_serials import MAX_SERIALS
+from bcapscope.traffic.serial_table import SerialTable
 from tests.traffic.playbook import MOVE, Script, calls_of
 
 
@@ -36,11 +37,11 @@ def test_a_serial_that_a_later_call_has_is_not_taken_from_it() -> None:
 
 def test_settled_serials_are_bounded_and_the_latest_are_kept() -> None:
     table, call = SerialTable(), made(1)
-    for serial in range(3 * MAX_SETTLED_SERIALS):
+    for serial in range(3 * MAX_SERIALS):
         table.release(serial, call)
-    known = [serial for serial in range(3 * MAX_SETTLED_SERIALS) if table.settled_call(serial)]
-    assert known[-1] == 3 * MAX_SETTLED_SERIALS - 1
-    assert MAX_SETTLED_SERIALS <= len(known) <= 2 * MAX_SETTLED_SERIALS
+    known = [serial for serial in range(3 * MAX_SERIALS) if table.settled_call(serial)]
+    assert known[-1] == 3 * MAX_SERIALS - 1
+    assert MAX_SERIALS <= len(known) <= 2 * MAX_SERIALS
 
 
 def test_requests_that_reuse_a_serial_are_answered_in_order() -> None:

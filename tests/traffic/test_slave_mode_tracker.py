@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.slave_mode_tracker import (
     SlaveModeEffect,
     SlaveModeTracker,
-    execute_parameter,
     is_set_point,
     requested_mode,
     slave_mode_effect,
@@ -136,6 +136,6 @@ def test_clients_are_bounded() -> None:
 
 def test_the_parameter_may_be_missing() -> None:
     (call,) = calls(((EXECUTE, (i4(1), text("slvChangeMode"))), 0))
-    assert execute_parameter(call.request.item) is None
+    assert command_parameter(call.request.item.variants) is None
     assert requested_mode(call) is None
     assert requested_mode(calls((MOVE, 0))[0]) is None

@@ -43,7 +43,7 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Topics (see `ClientState.topic_of`) of the calls that must succeed before the robot can move."""
+"""Calls that must succeed before the robot can move, as `ClientState.equivalent_command` names them."""
 
 
 class RefusalChecker(RuleChecker):
@@ -84,7 +84,7 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
         return RobotImpact.STOPPED
     function = FUNCTIONS.get(call.kind.function_id)
     opens = function is not None and function.creates in _NEEDED_OBJECTS
-    prepares = client.topic_of(call) in _PREPARATIONS
+    prepares = client.equivalent_command(call) in _PREPARATIONS
     return RobotImpact.PREVENTED if moves or opens or prepares else RobotImpact.NONE
 
 

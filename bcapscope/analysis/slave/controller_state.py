@@ -14,8 +14,9 @@ from bcapscope.messages.places import WireText
 from bcapscope.protocol.slave_mode.formats import parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import pose_numbers
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.slave_mode_tracker import execute_parameter, requested_mode
+from bcapscope.traffic.slave_mode_tracker import requested_mode
 
 MAX_CALLS = 1024
 """For each controller, at most this many calls are kept; set points do not count."""
@@ -101,7 +102,7 @@ class ControllerState:
         return call_fact(entry)
 
     def record_format(self, call: Call, command: str) -> None:
-        parameter = execute_parameter(call.request.item)
+        parameter = command_parameter(call.request.item.variants)
         found = None if parameter is None else parse_format_parameter(parameter)
         if found is None:
             return

@@ -10,8 +10,9 @@ from typing import NamedTuple
 from bcapscope.messages import Message
 from bcapscope.messages.places import HexNumber
 from bcapscope.protocol.codec.arguments import Argument
-from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, integer_value
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
@@ -106,8 +107,7 @@ def _clue_of_provider(arguments: tuple[Argument, ...]) -> GenerationClue:
 
 
 def _clue_of_change(call: Call) -> GenerationClue:
-    arguments = call.request.item.arguments
-    parameter = arguments[2].variant if len(arguments) > 2 else Variant(VT.EMPTY, None)
+    parameter = command_parameter(call.request.item.variants) or EMPTY
     value = integer_value(parameter)
     if value and slave_mode_by_number(value, _RC8) and not slave_mode_by_number(value, _RC7):
         return GenerationClue(_PROOF, _RC8, Message("generation.mode.not-rc7", mode=HexNumber(value, 3)))

@@ -20,14 +20,13 @@ from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
-from bcapscope.protocol.tables.command_catalogue import find_command
+from bcapscope.protocol.tables.command_catalogue import command_parameter, find_command
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Conversation, Endpoint
 from bcapscope.traffic.slave_mode_tracker import (
     SlaveModeEffect,
-    execute_parameter,
     is_set_point,
     requested_mode,
     slave_mode_effect,
@@ -216,7 +215,7 @@ class SlaveSessionDetector:
 
     def _begin_session(self, key: SessionKey, call: Call) -> SlaveSessionBuilder:
         controller = self._controller(call)
-        parameter = execute_parameter(call.request.item)
+        parameter = command_parameter(call.request.item.variants)
         if parameter is not None:
             controller.clue = stronger_clue(controller.clue, clue_of_set_point(parameter))
         builder = controller.claim_pending(key)

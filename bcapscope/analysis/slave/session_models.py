@@ -31,11 +31,11 @@ from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, pose_type_of_mode, slave_mode_by_number
 from bcapscope.protocol.slave_mode.poses import Axis, Pose
 from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
+from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.protocol.tables.hresult import S_BUF_FULL, is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
-from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
 MAX_CODES = 256
 """Maximum number of HRESULTs that are counted separately. Further HRESULTs are counted as HRESULT 0."""
@@ -254,7 +254,7 @@ def _first_pose(
 ) -> Pose | None:
     """Return the first readable pose of a known type in the first 16 set points."""
     for place in range(min(len(batch), 16)):
-        parameter = execute_parameter(Frame(batch.requests[place]))
+        parameter = command_parameter(Frame(batch.requests[place]).variants)
         if parameter is not None:
             pose = parse_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:

@@ -26,8 +26,8 @@ from bcapscope.protocol.dissection.value_labels import (
     result_label,
     slvmove_label,
 )
+from bcapscope.protocol.tables.command_catalogue import command_name
 from bcapscope.protocol.tables.function_table import (
-    FUNCTIONS,
     function_name,
     request_param,
     result_param,
@@ -87,7 +87,7 @@ def frame_fields(
     captured.
     """
     if is_request:
-        function_id, command = frame.code, _command_of(frame)
+        function_id, command = frame.code, command_name(frame.code, frame.variants)
     hidden = _envelope_problems(frame)
     return tuple(
         _FieldBuilder(frame, [each for each in frame.problems if each not in hidden]).all_fields(
@@ -126,15 +126,6 @@ def _envelope_problems(frame: Frame) -> list[Problem]:
         for each in frame.problems
         if 9 <= each.offset < HEADER_SIZE and each is not frame.external_problem
     ]
-
-
-def _command_of(frame: Frame) -> str | None:
-    params = FUNCTIONS[frame.code].params if frame.code in FUNCTIONS else ()
-    arguments = frame.arguments
-    if len(params) < 2 or params[1].name != "bstrCommand" or len(arguments) < 2:
-        return None
-    value = arguments[1].variant.value
-    return value if isinstance(value, str) else None
 
 
 class _FieldBuilder:

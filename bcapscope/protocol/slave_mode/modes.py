@@ -120,14 +120,6 @@ _KINDS: dict[Generation, dict[int, ModeKind]] = {
 _POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
 
 
-def describe_mode(mode: SlaveMode) -> Message:
-    """Describe a mode: its pose type, and how the controller treats slvMove in this mode."""
-    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _TEXTS[mode.kind])
-    if mode.pose_type is None:
-        return behaviour
-    return Message("slave-mode.described", pose=str(mode.pose_type), kind=str(mode.kind), behaviour=behaviour)
-
-
 def _make_mode(value: int, generation: Generation, kind: ModeKind, pose_type: PoseType | None) -> SlaveMode:
     text = f"{pose_type} type, {kind}: {_TEXTS[kind]}" if pose_type else _TEXTS[kind]
     return SlaveMode(value, generation, pose_type, kind, *_BEHAVIOURS[kind], text)

@@ -20,6 +20,13 @@ from bcapscope.protocol.tables.table_rows import table_rows
 COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
 """Names of controllers in the table of commands."""
 
+COMMAND_FUNCTIONS = frozenset(
+    function.id
+    for function in FUNCTIONS.values()
+    if len(function.params) > 1 and function.params[1].name == "bstrCommand"
+)
+"""The ..._Execute functions, which take a command name as their second argument."""
+
 _POSE = "BSTR R8[] R4[] V[]"
 _LONGEST_COMPARED = 40
 _LEAST_SIMILARITY = 0.7
@@ -81,13 +88,19 @@ def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
     return function_name(function_id) + (f" {name}" if name else "")
 
 
-def command_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the command of a call in the client's spelling; "" for a call without a command."""
-    function = FUNCTIONS.get(function_id)
-    for param, argument in zip(function.params if function else (), arguments, strict=False):
-        if param.name == "bstrCommand" and isinstance(argument.value, str):
-            return argument.value
-    return ""
+def command_name(function_id: int, arguments: Sequence[Variant]) -> str | None:
+    """Return the command of an ..._Execute call in the client's spelling. Return None for any other call, or
+    if the second argument is not a string.
+    """
+    if function_id not in COMMAND_FUNCTIONS or len(arguments) < 2:
+        return None
+    value = arguments[1].value
+    return value if isinstance(value, str) else None
+
+
+def command_parameter(arguments: Sequence[Variant]) -> Variant | None:
+    """Return the argument vntParam of an ..._Execute call; None if this argument is missing."""
+    return arguments[2] if len(arguments) > 2 else None
 
 
 def _full_type_name(short: str) -> str:

@@ -17,7 +17,7 @@ from bcapscope.live.controller.history_record import (
     error_reason,
     failure_reason,
 )
-from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, call_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.render.call_code import hex_text, python_program, shell_command
 from bcapscope.render.color_palette import PLAIN, Palette
@@ -26,7 +26,6 @@ from bcapscope.render.reply_text import reply_line
 from bcapscope.render.timestamp import utc_text
 from bcapscope.render.value_text import untyped_text
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS

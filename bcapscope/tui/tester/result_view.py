@@ -105,8 +105,8 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
     DENSO does not document which error an RC7 returns if RobSlave does not run.
     """
     code = record.reply.code if record.reply is not None else S_OK
-    is_mode_change = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
-    return is_mode_change and (code == E_FAIL or not describe_hresult(code).is_listed)
+    command = command_name(record.function_id, record.arguments) or ""
+    return command.casefold() == "slvchangemode" and (code == E_FAIL or not describe_hresult(code).is_listed)
 
 
 def _value_meaning(record: HistoryRecord) -> str:
@@ -115,6 +115,6 @@ def _value_meaning(record: HistoryRecord) -> str:
     function = FUNCTIONS.get(record.function_id)
     if function is not None and function.creates is not None and arguments:
         return label("field.handle", object=function.creates.value)
-    command = command_name(record.function_id, record.arguments)
+    command = command_name(record.function_id, record.arguments) or ""
     meanings = result_meanings(record.function_id, command, value) if isinstance(value, int) else ()
     return label("list.comma").join(table_text(each) for each in meanings)

@@ -32,6 +32,7 @@ from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.intercept import HOLD_TIME_NS as PATIENCE_OF_HELD
 from tests.cli.proxied import PATIENCE, proxied
 from tests.cli.run import run, run_here
+from tests.faults.traffic import passes
 from tests.faults.traffic import talk as conversation
 
 MS = 1_000_000
@@ -92,8 +93,7 @@ def fates(frames: list[dict[str, Any]], faults: tuple[str, ...], seed: int) -> l
     machine = FaultInjector(map(read_fault, faults), seed=seed, now=0)
     flows = conversation()
     return [
-        not machine.process_message(flows.up if frame["kind"] == "request" else flows.down, b"", 0).forwarded
-        for frame in frames
+        not passes(machine, flows.up if frame["kind"] == "request" else flows.down, b"") for frame in frames
     ]
 
 
