@@ -241,7 +241,8 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # Only bcapscope evicts calls from memory, so `not_followed_share` is never notable.
+    # `not_followed_share` depends on a memory limit of bcapscope, so a difference in this share is never
+    # notable.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 

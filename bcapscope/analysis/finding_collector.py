@@ -10,8 +10,8 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. If a rule has this many findings, a problem with a new `group_key`
-is added to the rule's first finding.
+"""Maximum number of findings of one rule. If a rule already has `MAX_FINDINGS` findings, a problem with a new
+`group_key` is added to the rule's first finding.
 """
 
 MAX_CALLS = 256

@@ -12,7 +12,7 @@ from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
 """A pause of this length in ns ends a period of activity. If a client has more than `MAX_ACTIVITY_PERIODS`
-periods of activity, bcapscope also joins periods that are further apart.
+periods of activity, bcapscope also joins periods across longer pauses.
 """
 
 MAX_ACTIVITY_PERIODS = 512
@@ -59,7 +59,7 @@ class TimelineEventList:
 
     def __init__(self, most: int, pause: int = 0) -> None:
         """Create an empty list. Events less than `pause` ns apart are joined. If there are more than `most`
-        events, events that are further apart are joined too.
+        events, the list also joins events that are further apart than `pause`.
         """
         self._most = most
         self._pause = pause

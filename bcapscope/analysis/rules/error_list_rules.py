@@ -43,8 +43,8 @@ _LASTING = (
     "manual-reset-missing",
 )
 """Rules about states that ClearError does not end. A refusal with a code in `ACTIVE_CODES` is linked only to
-errors that rules in `_LASTING` report. An error that no rule in `_LASTING` reports blocks calls only until
-the client calls ClearError.
+errors that rules in `_LASTING` report. If no rule in `_LASTING` reports an error, this error blocks calls
+only until the client calls ClearError.
 """
 
 _MAX_CONTROLLERS = 256

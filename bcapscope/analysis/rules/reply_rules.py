@@ -37,7 +37,7 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Undecided calls and replies of one client: the checker waits for the client's later traffic.
+    """Calls and replies of one client, which `ReplyChecker` judges after later traffic of this client.
 
     Attributes:
         given_up: Latest call without a reply; the client gave this call up, or the client program stopped.

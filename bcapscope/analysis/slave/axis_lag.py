@@ -27,7 +27,7 @@ class AxisLag:
 
     The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose.
     `AxisLag` sums the squared pose errors for each lag in whole cycles. A parabola through the smallest sum
-    and its two neighbours gives fractions of a cycle.
+    and its two neighbours gives the lag in fractions of a cycle.
     """
 
     def __init__(self, axes: int) -> None:

@@ -15,8 +15,8 @@ The model is a prediction, not an observation. It assumes:
   the buffer before its reply arrives.
 
 The controller's phase is the moment in each period at which the controller takes a set point. A capture does
-not show the controller's phase, so the model assumes the earliest phase. With the latest phase, each set
-point has one period more time. Therefore a set point that is at most one period late counts as a possible
+not show the controller's phase, so the model assumes the earliest phase. In the latest phase, each set point
+may arrive one period later. Therefore a set point that is at most one period late counts as a possible
 underflow. A set point that is more than one period late counts as a predicted underflow. The model predicts
 an overflow only if the buffer would be full for every possible phase of the controller.
 `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
@@ -82,8 +82,8 @@ class BufferFacts:
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of set points that were at most one period late. The controller may have
-            received these set points in time, because the controller's phase is unknown.
+        possible_underflows: Number of set points that were at most one period late. Each of these set points
+            may have been in time, because the capture does not show the controller's phase.
         overflows: Number of set points that arrived while the buffer was full for every possible phase of the
             controller.
         overflow_frames: Frame numbers of the set points that caused the first predicted overflows.
@@ -166,7 +166,7 @@ class BufferModel:
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # ns; one period for each set point for which the buffer had no room
+        self._excess_ns = 0  # ns; one period per set point that does not fit into the buffer
         self._empty_at = 0  # time when the controller will find the buffer empty if no set point arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []

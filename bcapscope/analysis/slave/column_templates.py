@@ -91,9 +91,9 @@ class ColumnReader:
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
         """Create a reader of one argument.
 
-        `pick` gets the argument, and returns its pose and its time stamp. A missing pose is (), and a missing
-        time stamp is None. To learn a template, the reader calls `pick` with the index of each number instead
-        of the number. Therefore `pick` must not depend on the values of the numbers.
+        `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
+        missing time stamp is None. To learn a template, the reader calls `pick` with the index of each number
+        instead of the number. Therefore `pick` must not depend on the values of the numbers.
         """
         self._argument = argument
         self._pick = pick

@@ -35,8 +35,8 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle: first of the client that entered slave mode, later of the client
-            that sends the set points.
+        key: Conversation and robot handle of a client: first the client that entered slave mode, later the
+            client that sends set points.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.

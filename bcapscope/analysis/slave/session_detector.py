@@ -34,7 +34,7 @@ from bcapscope.traffic.slave_mode_tracker import (
 
 HOLD_BACK_NS = 6_000_000_000
 """Time in ns from the end of a session until the detector returns the session. During this time, the detector
-may get the call that explains the end.
+may get the call that shows why the session ended.
 """
 
 SILENCE_NS = 1_000_000_000

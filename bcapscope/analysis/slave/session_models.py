@@ -38,8 +38,8 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 
 MAX_CODES = 256
-"""Maximum number of refusal codes that a session counts separately. If a session has more refusal codes, the
-remaining codes are counted together as code 0.
+"""Maximum number of refusal codes that a session counts separately. If a session has more than
+`MAX_CODES` refusal codes, the remaining codes are counted together as code 0.
 """
 
 _PARAMETER = 2
