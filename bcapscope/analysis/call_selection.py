@@ -16,9 +16,9 @@ class CallSelection:
     """Marks each reported problem as selected or not selected, then passes the problem to
     `report_occurrence`.
 
-    A problem is selected if one of the frames that prove it belongs to a selected call. Whether a call is
-    selected is known only when the call is complete. If a rule reports a problem of a frame, `CallSelection`
-    stores the problem until the frame's call is complete.
+    A problem is selected if a selected call contains one of the problem's frames. Whether a call is selected
+    is known only when the call is complete. If a rule reports a problem of a frame, `CallSelection` stores
+    the problem until the frame's call is complete.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:

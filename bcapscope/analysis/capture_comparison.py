@@ -25,8 +25,8 @@ the same program.
 """
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of median cycle times. `NOTABLE_CYCLE` is smaller than `NOTABLE_RATIO`, because
-clients should keep the cycle time constant.
+"""Smallest notable ratio of median cycle times. A client should keep its cycle time constant, so even a small
+difference is notable.
 """
 
 NOTABLE_MS = 0.2
@@ -103,12 +103,11 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ: first all notable figures, then all others. Both groups of figures
-            have this order: slave-mode sessions, all calls together, kinds of call (longest total time
-            first).
-        session_counts: Number of slave-mode sessions in the first and in the second capture.
-        rules: Rules with a different number of findings. Rules with more findings in the second capture come
-            first; among these rules, the order is that of ``diagnose``.
+        differences: Figures that differ, sorted by `notable` (True first), then by `subject`. The order of
+            subjects is: slave-mode sessions, all calls together, kinds of call (longest total time first).
+        session_counts: Number of slave-mode sessions in each capture: first capture, second capture.
+        rules: Rules whose number of findings differs. Rules with more findings in the second capture come
+            first, in the order of ``diagnose``.
     """
 
     differences: tuple[Difference, ...]
@@ -233,7 +232,7 @@ def _latency_figure(percentile: str) -> Callable[[CallFigures], Value]:
 _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], ...] = (
     ("calls", lambda figures: float(figures.calls), _never_notable),
     ("calls_per_s", lambda figures: figures.calls_per_second, _judge_ratio(NOTABLE_RATIO)),
-    # A difference in `line_time_share` is never notable: `calls_per_s` and the latency determine this share.
+    # `line_time_share` follows from `calls_per_s` and the latency, which are compared separately.
     ("line_time_share", lambda figures: figures.line_time_share, _never_notable),
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
@@ -242,8 +241,8 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # bcapscope itself evicted the calls in `not_followed_share` from memory, so a difference in this share is
-    # never notable.
+    # `not_followed_share` depends on a memory limit of bcapscope, so a difference in this share is never
+    # notable.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 

@@ -39,9 +39,9 @@ still be on.
 SLOW_CALL_NS = 50_000_000
 """A call with a longer latency (ns) is slow: the controller may still execute it during the next call."""
 
-# Maximum total size in bytes of a remembered set point's frames; a real set point has a few hundred bytes.
+# Maximum size in bytes of a set point in `recent_set_points`. A real set point has a few hundred bytes.
 _LARGEST_POINT = 8192
-# Maximum total size in bytes of the frames of a call in `latest_calls` or `failed_openings`.
+# Maximum size in bytes of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
 """Maximum number of set points that are remembered, to explain a refused set point."""

@@ -123,7 +123,7 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Pass a run of alike set points to the checkers whose `needs_every_set_point` is true."""
+        """Pass alike set points to the checkers whose `needs_every_set_point` is True."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:
@@ -149,8 +149,8 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a frame with problems to the checkers, unless it is large: `on_frame` has already passed large
-        frames.
+        """Pass a small frame with problems to the checkers. `on_frame` has already passed each large frame to
+        the checkers.
         """
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:

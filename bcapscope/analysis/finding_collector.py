@@ -10,8 +10,8 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. A problem that would need another finding is added to the rule's
-first finding.
+"""Maximum number of findings of one rule. If a rule already has `MAX_FINDINGS` findings, a problem with a new
+`group_key` is added to the rule's first finding.
 """
 
 MAX_CALLS = 256
@@ -35,7 +35,7 @@ class FindingCollector:
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
         self._explained: dict[int, list[Occurrence]] = {}
-        # This dict is bounded, because at most `MAX_KEPT` occurrences of each group are linked to a cause.
+        # `MAX_FINDINGS` and `MAX_KEPT` limit the size of `_causes`.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
 
@@ -81,14 +81,15 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link a reported problem to its cause.
+        """Link the problem `occurrence` to its cause.
 
         The cause is the first of these problems that exists:
 
-        - an injected fault in the same call
-        - the latest problem whose `explains` contains the call
-        - the latest problem of a call in `explaining_calls`
-        - the latest problem of a rule in `possible_causes`, if this problem is recent or of the same call
+        - an injected fault in `occurrence.call`
+        - the latest problem whose `explains` contains `occurrence.call`
+        - the latest problem of a call in `occurrence.explaining_calls`
+        - the latest recent problem whose rule is in `possible_causes`; any problem of `occurrence.call`
+          counts as recent
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
@@ -127,7 +128,8 @@ class FindingCollector:
         the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
-        # Examine the latest candidates first: after a match, the first check rejects all older candidates.
+        # Check the latest candidates first. If a late candidate can be the cause, `_leads_to` is not called
+        # for earlier candidates.
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
@@ -178,7 +180,8 @@ class FindingCollector:
         The client with the gravest root cause comes first. Among the root causes of one client, the gravest
         comes first. Problems that stopped the robot are the gravest. Next are problems that kept the robot
         from moving, then all others. Root causes with the same effect on the robot are sorted by severity,
-        then by time. A root cause counts as at least as severe as its consequences.
+        then by time. A root cause is sorted by the worst effect and severity among the root cause and its
+        consequences.
 
         Args:
             provisional: Further problems that the returned findings include, but that are not added to the

@@ -43,8 +43,8 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Remove the occurrence that has the same call as `update`, and store `update` in its place. Return
-        the replaced occurrence; None if the group has no occurrence of the call.
+        """Store `update` in place of the occurrence with the same call number. Return the removed occurrence;
+        None if no occurrence in the group has the call number of `update`.
         """
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:

@@ -51,13 +51,12 @@ MAX_SESSIONS = 256
 
 
 class DamagedFrame(NamedTuple):
-    """A frame with problems, or bytes that are not a frame.
+    """A frame with problems, bytes that are not a frame, or a gap in the capture of a TCP connection.
 
     Attributes:
         time: Time when the damaged frame was captured, ns since 1970.
-        raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame.
-        missing_bytes: Number of bytes that are missing from the capture in the TCP stream just before the
-            damaged frame.
+        raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame; empty for a gap.
+        missing_bytes: Size of a gap in bytes; 0 for a frame or for bytes that are not a frame.
     """
 
     frame: int
@@ -151,7 +150,7 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_selected(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add a run of alike set points. Their frames have no problems."""
+        """Add alike set points. The frames of alike set points have no problems."""
         for call in calls:
             if self._is_selected is None or self._is_selected(call):
                 self._add_selected(call)

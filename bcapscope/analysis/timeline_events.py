@@ -11,8 +11,8 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""A pause of this length in ns ends a period of activity. If there are too many periods of activity,
-`TimelineEventList` requires a longer pause.
+"""A pause of this length in ns ends a period of activity. If a client has more than `MAX_ACTIVITY_PERIODS`
+periods of activity, bcapscope also joins periods across longer pauses.
 """
 
 MAX_ACTIVITY_PERIODS = 512
@@ -40,8 +40,8 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the event, or of the first of several joined events, ns since 1970.
         end: End of the event, or of the last of several joined events, ns since 1970.
-        call_kind: Kind of the first call that the event concerns. None for a period of activity or an event
-            without a call.
+        call_kind: Kind of the first call that the event concerns; None if the event concerns no call, or is a
+            period of activity.
     """
 
     begin: int
@@ -58,8 +58,8 @@ class TimelineEventList:
     """
 
     def __init__(self, most: int, pause: int = 0) -> None:
-        """Create an empty list. Events less than `pause` ns apart are joined. If there are too many events,
-        `pause` grows.
+        """Create an empty list. Events less than `pause` ns apart are joined. If there are more than `most`
+        events, the list also joins events that are further apart than `pause`.
         """
         self._most = most
         self._pause = pause

@@ -43,8 +43,8 @@ _LASTING = (
     "manual-reset-missing",
 )
 """Rules about states that ClearError does not end. A refusal with a code in `ACTIVE_CODES` is linked only to
-errors that rules in `_LASTING` report. Errors of other rules block a call only until the client calls
-ClearError.
+errors that rules in `_LASTING` report. If no rule in `_LASTING` reports an error, this error blocks calls
+only until the client calls ClearError.
 """
 
 _MAX_CONTROLLERS = 256
@@ -156,9 +156,9 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report an error that a client read, if this error explains the first refusal. The error list begins
-        with the newest error. If the error list contains the code of the refusal, the errors after this code
-        are older than the refusal.
+        """Report the error in `read` if this error explains the refused call `refused.first`. The error list
+        begins with the newest error. If the error list contains the code of the refusal, the errors after
+        this code are older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

@@ -46,7 +46,7 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """The calls of a client from a controller error until the client clears the error.
+    """The calls that a client makes after a controller error and before the client clears the error.
 
     Attributes:
         count: Number of calls after the error; only calls that can change or move something count.

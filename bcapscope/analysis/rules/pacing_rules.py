@@ -157,8 +157,8 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points before and after the longest recent pause; None if a full buffer outlasts this
-    pause.
+    """Return the set points before and after the longest recent pause. Return None if no recent pause is long
+    enough to empty a full buffer.
     """
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":

@@ -1,4 +1,4 @@
-"""Rules about changes that a proxy made to the traffic that it recorded."""
+"""Rules about calls that a proxy disturbed and recorded."""
 
 from __future__ import annotations
 

@@ -37,11 +37,12 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Calls and replies of one client that the checker can judge only by the client's later traffic.
+    """Calls and replies of one client, which `ReplyChecker` judges after later traffic of this client.
 
     Attributes:
-        given_up: The latest call that got no reply; the client gave it up, or the client program has stopped.
-        strays: Replies without a captured request, which the client may have sent before the capture.
+        given_up: Latest call without a reply; the client gave this call up, or the client program stopped.
+        strays: Replies whose request was not captured; the client may have sent the request before the
+            capture.
     """
 
     given_up: Call | None = None

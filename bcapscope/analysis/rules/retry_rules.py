@@ -22,9 +22,7 @@ from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
-"""Functions with which a session begins. If the first captured call has serial 0 and another function, the
-capture began in the middle of a session.
-"""
+"""Functions that begin a session. `RetryChecker` reports serial 0 only in a call that begins a session."""
 
 
 class RetryChecker(RuleChecker):

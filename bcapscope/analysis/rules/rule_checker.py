@@ -25,7 +25,7 @@ MS = 1_000_000
 
 
 class RobotImpact(IntEnum):
-    """How a problem affects the motion of the robot, the gravest effect first."""
+    """Effect of a problem on the motion of the robot. The gravest effect has the smallest number."""
 
     STOPPED = 0
     """The problem ended slave mode or a motion."""
@@ -40,10 +40,10 @@ class Occurrence:
 
     Attributes:
         began: Time when the problem began, ns since 1970.
-        completed: Time when the problem ended, ns since 1970; the delay of a consequence is measured from it.
+        completed: Time when the problem ended, ns since 1970.
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
-        clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
-            sentence; None if no sentence names the problem.
+        clause: Message `clause.<rule>`: the name of this problem in the text of its root cause. None if the
+            text of a root cause never names this problem.
         call: Number of the call that has the problem; 0 if no single call has it.
         explaining_calls: Numbers of the calls whose problems are the likeliest causes of this problem.
         group_key: Occurrences of one rule with different group keys become different findings.
@@ -97,7 +97,7 @@ class CallHealth(Enum):
     REFUSED = "refused"
     """The reply reports a failure."""
     TROUBLED = "troubled"
-    """The call has no reply, or it succeeded with more frames than one request and one reply."""
+    """The call got no reply, or the call succeeded with retries or other extra frames."""
 
 
 class RuleChecker:
@@ -110,8 +110,8 @@ class RuleChecker:
     Attributes:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). A capture can
             contain millions of set points. If `needs_every_set_point` is False, `on_call` gets only the first
-            of successive alike set points (see `AlikeSetPoints`). If `needs_every_set_point` is True, the
-            argument `client` of `on_call` has the state before the alike set points.
+            of successive alike set points (see `AlikeSetPoints`). If `needs_every_set_point` is True,
+            `on_call` may get many alike set points before bcapscope updates `client`.
     """
 
     needs_every_set_point: ClassVar[bool] = False
@@ -163,7 +163,9 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result."""
+        """Return True if `on_call` checks calls with this kind and this `CallHealth`. `Diagnosis` caches the
+        result.
+        """
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:

@@ -44,7 +44,9 @@ from bcapscope.traffic.observation import Transport
 
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""If the reply to an attempt arrives within this time (in ns), lost packets made the call long."""
+"""If the controller answers an attempt of a long call within this time (in ns), lost packets made the call
+long.
+"""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND

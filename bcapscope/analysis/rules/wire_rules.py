@@ -92,8 +92,8 @@ class WireChecker(RuleChecker):
             self.report_call("duplicate-frames", call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report that a capture holds the replies of a conversation, but not its requests. Report only after
-        `_FEWEST_REPLIES` replies, because a capture can begin in the middle of a call.
+        """Report a conversation of which the capture has replies, but no requests. A few replies without
+        requests are normal at the start of a capture, so the checker waits for `_FEWEST_REPLIES` replies.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:

@@ -17,16 +17,17 @@ _ROWS_AT_ONCE = 256
 """Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the largest squared error to the smallest squared error among all lags. If this ratio is
-smaller, the axis moves too little to show a lag.
+"""Minimum ratio of the largest squared error to the smallest squared error among all tested lags. An axis
+with a smaller ratio of squared errors moves too little to show a lag.
 """
 
 
 class AxisLag:
     """Estimates the lag at which the returned poses match the commanded poses best.
 
-    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. To
-    estimate fractions of a cycle, `AxisLag` fits a parabola to the errors of three neighbouring lags.
+    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose.
+    `AxisLag` sums the squared pose errors for each lag in whole cycles. A parabola through the smallest sum
+    and its two neighbours gives the lag in fractions of a cycle.
     """
 
     def __init__(self, axes: int) -> None:

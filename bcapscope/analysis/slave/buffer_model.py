@@ -15,8 +15,9 @@ The model is a prediction, not an observation. It assumes:
   the buffer before its reply arrives.
 
 The controller's phase is the moment in each period at which the controller takes a set point. A capture does
-not show the controller's phase. If the buffer is empty in only one period, another phase could have avoided
-the underflow. Therefore an underflow of one period counts as possible, not as predicted. The model predicts
+not show the controller's phase, so the model assumes the earliest phase. In the latest phase, each set point
+may arrive one period later. Therefore a set point that is at most one period late counts as a possible
+underflow. A set point that is more than one period late counts as a predicted underflow. The model predicts
 an overflow only if the buffer would be full for every possible phase of the controller.
 `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
 these numbers.
@@ -54,7 +55,7 @@ class PredictedUnderflow(NamedTuple):
 
     Attributes:
         time: Time when the controller needed a set point, ns since 1970.
-        late_frame: Number of the request frame of the set point that arrived too late.
+        late_frame: Frame number of the set point that arrived too late.
         late_ms: Time from `time` to the arrival of the late set point, ms.
         moving: Whether the robot was moving: the two set points before `time` differ. None if unknown.
     """
@@ -81,22 +82,22 @@ class BufferFacts:
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of underflows that last one period. An underflow of one period is
-            uncertain, because the controller's phase is unknown.
+        possible_underflows: Number of set points that were at most one period late. Each of these set points
+            may have been in time, because the capture does not show the controller's phase.
         overflows: Number of set points that arrived while the buffer was full for every possible phase of the
             controller.
-        overflow_frames: Numbers of the request frames of the first predicted overflows.
+        overflow_frames: Frame numbers of the set points that caused the first predicted overflows.
         overwritten: Number of set points that were replaced before the controller took them; 0 if
             `overwrites` is False.
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
         smallest_slack_ms: Smallest slack in ms of a set point: how much longer the buffer would have lasted
             without the set point. The slack is negative if the buffer was already empty.
-        smallest_slack_frame: Number of the request frame of the set point with the smallest slack; None for
-            fewer than two set points.
-        reported_underflows: Numbers of the first reply frames that report an underflow (0x84201482).
-        reported_overflows: Numbers of the first reply frames that report an overflow (0x83201483).
-        reported_full: Numbers of the first reply frames with S_BUF_FULL.
+        smallest_slack_frame: Frame number of the set point with the smallest slack; None for fewer than two
+            set points.
+        reported_underflows: Frame numbers of the first replies that report an underflow (0x84201482).
+        reported_overflows: Frame numbers of the first replies that report an overflow (0x83201483).
+        reported_full: Frame numbers of the first replies with S_BUF_FULL.
     """
 
     slots: int
@@ -159,13 +160,13 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The controller's phase is unknown, so an overflow is certain only if the excess is more than two
-        # periods. If a new set point replaces the waiting set point, an excess of more than one period is
-        # enough. In modes in which the controller sets the pace, the buffer never overflows.
+        # The controller's phase is unknown, so an overflow is certain only if `_excess_ns` is more than two
+        # periods. If a new set point replaces the waiting set point, the limit for `_excess_ns` is one
+        # period. In modes in which the controller sets the pace, the buffer never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # time in ns: one period for each set point that exceeds the buffer's capacity
+        self._excess_ns = 0  # ns; one period per set point that does not fit into the buffer
         self._empty_at = 0  # time when the controller will find the buffer empty if no set point arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []

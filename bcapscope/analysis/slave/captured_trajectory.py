@@ -47,7 +47,7 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """The facts about a trajectory that are known at its first step.
+    """A trajectory from a slave-mode session, without the steps.
 
     Attributes:
         session_number: Number of the slave-mode session, the same as in the output of ``slave``.
@@ -103,8 +103,8 @@ class TrajectoryExtractor(PipelineSubscriber):
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Create an extractor. `left_out` counts the set points that `is_selected` leaves out, but not those
-        that `is_selected_client` leaves out.
+        """Create an extractor. `left_out` counts the set points that `is_selected` rejects. The extractor
+        ignores all set points of clients that `is_selected_client` rejects.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client
@@ -113,7 +113,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self.ready: list[TrajectoryPiece] = []
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        # numbers of set-point calls that are not selected and not yet processed; oldest first
+        # `Call.number` of each set point that `is_selected` rejected, until the set point is processed
         self._not_selected: dict[int, None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:

@@ -73,8 +73,8 @@ class _ColumnTemplate:
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to `columns`. `rows` gives the row in
-        `columns` for each frame. The frames must match this template.
+        """Copy the pose and time stamp of each frame in `data` to `columns`. The numbers of frame `data[i]`
+        go to row `rows[i]` of `columns`. The frames must match this template.
         """
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
@@ -91,9 +91,9 @@ class ColumnReader:
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
         """Create a reader of one argument.
 
-        `pick` returns the pose and the time stamp in the argument. A missing pose is (), and a missing time
-        stamp is None. To learn a template, the reader calls `pick` with the index of each number instead of
-        the number. Therefore `pick` must not depend on the values of the numbers.
+        `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
+        missing time stamp is None. To learn a template, the reader calls `pick` with the index of each number
+        instead of the number. Therefore `pick` must not depend on the values of the numbers.
         """
         self._argument = argument
         self._pick = pick

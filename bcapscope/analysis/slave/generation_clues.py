@@ -41,8 +41,8 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Minimum strength of a clue to the controller's generation. With a weaker clue, bcapscope does not report
-that a set point has the number type of another generation.
+"""Minimum strength of a clue to the controller's generation. A rule needs a clue of this strength to report a
+set point whose number type is wrong for the generation.
 """
 
 # Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
@@ -85,7 +85,9 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return the clue in a successful call other than a set point; `NO_CLUE` for most calls."""
+    """Return what a call shows about the controller's generation; `NO_CLUE` for most calls. For set points,
+    use `clue_of_set_point`.
+    """
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

@@ -31,8 +31,8 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 JUMP_TIMES = 5.0
 """A step is an isolated jump if it is more than five times as large as each neighbouring step.
 
-No robot can change its speed this much within 8 ms. In a normal motion, at most one neighbour of a large step
-is small.
+No robot can change its speed this much within 8 ms. In a normal motion, the step before or after a large step
+is also large.
 """
 
 SMALLEST_JUMP = 0.2
@@ -351,7 +351,7 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Return the steps the short way round a turn: from 179 to -179 degrees, the step is 2 degrees."""
+        """Return the steps without full turns: from 179 to -179 degrees, the step is 2 degrees."""
         if self._turns.any():
             turning = steps[:, self._turns]
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)

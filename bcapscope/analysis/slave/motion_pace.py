@@ -30,12 +30,12 @@ class MotionPace(NamedTuple):
 
     Attributes:
         cycles: Number of cycles while the robot moves; pauses do not count.
-        cycle_ms: Typical time between set points; if most cycles skip a period, it is the median of all
-            cycles; if not, it is the mean of the cycles that skip no period.
+        cycle_ms: Typical cycle time, ms: the mean of the cycles that skip no period. If most cycles skip a
+            period, `cycle_ms` is the median of all cycles.
         long_cycle_ms: Cycle time that nine of ten cycles do not exceed.
         skipped: Number of cycles that are at least one and a half periods long.
-        waits_for_reply: Whether the client sent most set points as soon as the previous reply arrived, so
-            that the replies set the pace.
+        waits_for_reply: Whether the replies set the pace: the client sent most set points as soon as the
+            previous reply arrived.
     """
 
     cycles: int

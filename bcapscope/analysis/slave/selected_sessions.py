@@ -13,8 +13,8 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class SelectedSlaveSessions(PipelineSubscriber):
-    """Finds the sessions with selected set points. A call that is no set point can begin or end a session
-    even if that call is not selected.
+    """Finds the sessions with selected set points. `is_selected` tests only set points; any other call can
+    begin or end a session.
     """
 
     def __init__(
@@ -26,7 +26,8 @@ class SelectedSlaveSessions(PipelineSubscriber):
         """Create a detector of selected slave-mode sessions.
 
         Args:
-            is_selected: Function that tests set points; None to select all sessions, even without set points.
+            is_selected: Function that returns whether a set point is selected; None to find all sessions,
+                even sessions without set points.
             on_slave_session: Function that receives each complete session.
         """
         self._is_selected = is_selected

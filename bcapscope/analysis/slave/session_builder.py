@@ -25,7 +25,7 @@ _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
 
 SessionKey: TypeAlias = "tuple[Conversation, bytes]"
-"""The conversation of a client, and the robot's handle as the bytes that the client sends."""
+"""The conversation of a client, and the raw bytes of the robot's handle."""
 
 SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
 """Function that receives the set points of all sessions, up to `BATCH_SIZE` at a time."""
@@ -35,8 +35,8 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of the client that sends the set points. Before the first set
-            point, the key belongs to the client that entered slave mode.
+        key: Conversation and robot handle of a client: first the client that entered slave mode, later the
+            client that sends set points.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.

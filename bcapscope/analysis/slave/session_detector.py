@@ -33,8 +33,8 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Time in ns for which the detector holds back an ended session, because the call that ended it may still
-arrive.
+"""Time in ns from the end of a session until the detector returns the session. During this time, the detector
+may get the call that shows why the session ended.
 """
 
 SILENCE_NS = 1_000_000_000
@@ -50,7 +50,7 @@ No source gives this time. The value is an estimate: the robot may brake along i
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A session lists the controller's other calls from `BEFORE_NS` before its start to `AFTER_NS`
+"""A session lists calls to its controller, but no set points, from `BEFORE_NS` before its start to `AFTER_NS`
 after its end.
 """
 
@@ -389,8 +389,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a session ended. If the set points do not show why the session ended, search the
-    controller's other calls.
+    """Return why and when a session ended. If the set points do not show the reason, search the other calls
+    to the same controller.
     """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):

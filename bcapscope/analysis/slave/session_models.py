@@ -38,7 +38,9 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 
 MAX_CODES = 256
-"""Maximum number of HRESULTs that are counted separately. Further HRESULTs are counted as HRESULT 0."""
+"""Maximum number of refusal codes that a session counts separately. If a session has more than
+`MAX_CODES` refusal codes, the remaining codes are counted together as code 0.
+"""
 
 _PARAMETER = 2
 _RESULT = 0

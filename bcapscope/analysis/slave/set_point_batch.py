@@ -42,7 +42,7 @@ class FrameBytes:
             self.add(place, raw)
 
     def add(self, index: int, raw: bytes) -> None:
-        """Add a frame. The size of the first frame that is not large becomes the common size."""
+        """Add a frame. The first frame of at most `LARGE_FRAME` bytes sets the common size."""
         if not self.size and 0 < len(raw) <= LARGE_FRAME:
             self.size = len(raw)
             self.data += bytes(self.size * index)
@@ -95,8 +95,8 @@ class SetPointBatch:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each irregular set point. A set point is irregular if it was retried, was
             not answered with S_OK, or has a frame of unusual size.
-        other_attempts: For each set point (by index) that follows other calls of the client, the number of
-            attempts of these calls.
+        other_attempts: The keys are indexes of set points. Each value is the number of attempts of other
+            calls that the client sent since the previous set point.
     """
 
     def __init__(self) -> None:

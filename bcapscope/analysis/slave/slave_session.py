@@ -122,11 +122,11 @@ class SessionExit(NamedTuple):
     """The end of a slave-mode session.
 
     Attributes:
-        time: Time when the session ended; if a reply shows the end, it is the time of this reply.
+        time: Time when the session ended, or time of the reply that shows the end, ns since 1970.
         frames: Numbers of the request and reply frames that prove the end; () if no such frame was captured.
-        hresult: Result code in the reply to the call `by`; None if `by` is None or has no reply.
-        by: Call that ended the session; None if no call shows the end; for `FOUND_OFF`, it is the call that
-            was refused because slave mode was off.
+        hresult: Result code of the call in the attribute `by`; None without a call or a reply.
+        by: Call that ended the session; None if no call shows the end. For `FOUND_OFF`, `by` is the set point
+            that was refused because slave mode was off.
     """
 
     reason: ExitReason

@@ -31,15 +31,17 @@ count.
 """
 
 GRACE_NS = 200_000_000_000
-"""Time in ns after which all calls of a time slice are complete, counted from the end of the slice. If a call
-gets no further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
+"""This time (in ns) after the end of a time slice, all calls of the slice are complete. If a call gets no
+further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
 """Stands for all further kinds of call if there are more than `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Stands for all clients beyond the limit of twice `MAX_KINDS` pairs of client and call kind."""
+"""If 2 * `MAX_KINDS` pairs of client and call kind are already counted, `OTHER_CLIENTS` stands for the client
+of each new pair.
+"""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -286,9 +288,10 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    Captures are not always read in chronological order. If a call starts more than `GRACE_NS` before the
-    latest call, `add_call` returns all unfinished slices. If the slice of a call was already returned,
-    `add_call` begins a second slice for the same time.
+    Captures are not always read in chronological order. `add_call` treats a call that starts more than
+    `GRACE_NS` before the latest call as the start of an older capture. At the start of an older capture,
+    `add_call` returns all unfinished slices. If the slice of a call was already returned, `add_call` begins a
+    second slice for the same time.
     """
 
     def __init__(self, nanoseconds: int) -> None:

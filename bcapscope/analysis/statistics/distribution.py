@@ -34,7 +34,7 @@ class Histogram:
         self._pending: list[Floats] = []  # values not yet counted in bins
         self._pending_count = 0
         self._counts: NDArray[np.int64] | None = None
-        self._first_bin = 0  # number of the bin to which the first count belongs
+        self._first_bin = 0  # bin number of `_counts[0]`
         self._total = 0.0
         self._least, self._most = math.inf, 0.0
 
