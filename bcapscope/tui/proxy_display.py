@@ -21,8 +21,8 @@ from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
-"""Longest time in seconds from the controller's latest data to the client's latest data for a controller that
-is not silent.
+"""If the client sends data after `_SILENT_AFTER` seconds without data from the controller, the controller
+counts as silent.
 """
 
 _MAX_MESSAGES = 5000

@@ -10,8 +10,8 @@ from shutil import rmtree
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""Number of times to try to remove the folder, and pause in seconds between two tries. Windows cannot remove
-a folder while another process has a file in the folder open.
+"""Number of attempts to remove the folder, and seconds between two attempts. Windows cannot remove a folder
+while another process has a file in the folder open.
 """
 
 if __name__ == "__main__":
