@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
 """b-CAP as a layer of scapy: `BCAP` dissects and builds frames with the codec of bcapscope.
 
-No field of a frame distinguishes a request from a reply. The controller's port does. If the ports do not show
-the controller, a frame whose code is the number of a function counts as a request.
+No field of a frame distinguishes a request from a reply. `BCAP` identifies the controller by port 5007. If
+both ports or neither port is 5007, `BCAP` treats a frame with a function number as a request.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ one raw layer. scapy builds and copies layers by recursion, and a segment of 64 
 """
 
 _UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)
-"""Matches the name that `function_name` returns if no function has the number."""
+"""Matches a name such as ``Unknown(200)``, which `function_name` returns for an unknown number."""
 
 
 def _function_id(name: str) -> int:
@@ -115,8 +115,8 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
 
 
 class _ReadArguments(list[Variant]):
-    """The arguments of a frame that was read. A changed frame keeps the bytes of these arguments until you
-    set other arguments.
+    """The arguments of a dissected frame, with their original bytes in `raw`. If you do not change the
+    arguments, scapy builds the frame with their original bytes.
 
     `encode_argument` cannot restore the bytes of damaged arguments.
     """
@@ -134,15 +134,15 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
     islist = 1
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
-        # A list, since scapy takes a tuple of two or three numbers for a range of packets.
+        # The result is a list, because scapy treats a tuple of two or three numbers as a range of numbers.
         values = list(x) if isinstance(x, list | tuple) and not isinstance(x, Variant) else [x]
         for value in values:
             variant_of(value)  # `variant_of` raises an exception for a value without a type
         return values
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
-        """Give each value the type from the function's definition, as `encode` does. If the definition does
-        not fit the value, derive the type from the Python value.
+        """Give each argument the type from the function's definition, as `encode` does. If the type from the
+        function's definition does not fit an argument, bcapscope derives a type from the argument's value.
         """
         return x if isinstance(x, RawVal) else tuple(_typed(pkt, x, is_strict=False))
 
@@ -233,9 +233,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         """Return the complete frames of a stream, with the following bytes as padding; None if no frame is
         complete.
 
-        Bytes outside any frame become raw layers. For `TCPSession`, the result holds all complete frames. The
-        reason is a fault of scapy 2.8: if an unfinished frame follows two frames, scapy loses track of the
-        stream. For a socket, the result holds the first frame, so that `sr1` can match it.
+        Bytes outside any frame become raw layers. To avoid a fault of scapy 2.8, the result for `TCPSession`
+        holds all complete frames. If an unfinished frame follows two frames, scapy 2.8 loses track of the
+        stream. The result for a socket holds only one frame, so that scapy's `sr1` can identify a reply.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -412,8 +412,8 @@ def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) 
 
 
 def _whole_frame_size(data: bytes) -> int:
-    """Return the size of the complete frame at the start of a stream. The result is 0 if finding the frame
-    needs `StreamSplitter`.
+    """Return the size of the complete frame at the start of a stream. Return 0 if the caller needs
+    `StreamSplitter` to find a frame.
     """
     length = int.from_bytes(data[1:5], "little")
     is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)

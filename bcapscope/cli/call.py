@@ -230,8 +230,10 @@ class _CallRunner:
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. If `opens_object` is True, the method `arguments` opens an object, and puts the
-    object's handle before `values`.
+    """A call to make. `values` are the arguments of the call without the handle.
+
+    If `opens_object` is True, the call needs a handle. The method `arguments` opens an object if the client
+    has no suitable handle yet.
     """
 
     function: Function
@@ -282,8 +284,8 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Parse one call per line. Each line is split into words as a shell does. Empty lines and # comments
-        are skipped.
+        """Parse one call per line. Each line follows the quoting rules of a POSIX shell. The parser skips
+        empty lines and # comments.
 
         Raises:
             click.UsageError: a line is invalid, too long, or not UTF-8.

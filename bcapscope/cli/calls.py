@@ -67,9 +67,10 @@ def command(
     """Show the calls in captures: each request with its retries, notices and reply.
 
     Each line shows the number of a call, its start, client > controller, function, command, result and the
-    time to the accepted reply. The line ends with the retries, their cause if known, and the frame numbers of
-    requests > replies. A call is printed when it is complete. Calls are numbered in the order in which they
-    started. On a terminal, long lines are folded.
+    time to the accepted reply. Each line ends with the number of retries, the cause of the retries if known,
+    and the frame numbers. The sign > separates the frame numbers of requests from the frame numbers of
+    replies. `calls` prints a call when the call is complete. The numbers of the calls show the order in which
+    the calls started. On a terminal, long lines are folded.
 
     Exit codes: as for `decode`.
     """

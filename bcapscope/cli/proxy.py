@@ -137,8 +137,8 @@ def command(
     the traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends the proxy
-    immediately. In a shell script, end a background proxy with SIGTERM, as in kill $!. In such a script,
-    background jobs ignore Ctrl-C (SIGINT).
+    immediately. In a shell script, end a background proxy with SIGTERM, as in kill $!. The background jobs of
+    a shell script ignore Ctrl-C (SIGINT).
 
     Rules change or refuse traffic. The proxy applies its rules to each message in this order: scripts
     (--script), held messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block,
@@ -237,7 +237,7 @@ class _ProxyRun:
                 announce_ready(listening, control.address if control else "")
                 proxy.end_with_parent()
                 return
-            # the watcher writes the terminal's last line, so the watcher must also print the greetings
+            # the watcher prints the greetings, because the watcher redraws the last line of the terminal
             for greeting in greetings:
                 proxy.relay.notify(greeting)
 

@@ -96,15 +96,15 @@ def _behaviour_lines() -> Iterator[str]:
     "defects",
     multiple=True,
     type=click.Choice([each.value for each in ServerDefect]),
-    help="Simulate this defect of DENSO's C server; may be repeated. Default: all for cserver, none for the "
-    "other profiles.",
+    help="Simulate this defect of DENSO's C server; may be repeated. By default, the profile cserver has all "
+    "defects, and the other profiles have no defects.",
 )
 @click.option(
     "--no-argument",
     type=click.Choice([each.value for each in NoArgument]),
-    help='Choose which replies without a value omit the argument EMPTY. "never" means no reply, '
-    '"slvchangemode" means only replies to slvChangeMode, and "always" means all replies. The default is '
-    '"slvchangemode" for the profile rc7, and "never" for other profiles.',
+    help='Choose the replies that carry no VARIANT, not even EMPTY: "never" (no reply), "slvchangemode" '
+    '(only replies to slvChangeMode) or "always" (all replies without a value). By default, the '
+    'profile rc7 uses "slvchangemode", and the other profiles use "never".',
 )
 @click.option("--listen", metavar="HOST", default="127.0.0.1", help="Listen on this address of this machine.")
 @click.option(
@@ -137,8 +137,8 @@ def command(
     `sim` prints one line per call. While `sim` runs, you can type commands. "reset" forgets all clients, as
     Reset on the pendant does. "stop" presses the emergency stop, and "go" releases the emergency stop.
     "detector" turns on or off the detection of late set points in the Async modes of RC7. "quit" ends `sim`.
-    In a shell script, end a background `sim` with SIGTERM, as in kill $!. In such a script, background jobs
-    ignore Ctrl-C (SIGINT).
+    In a shell script, end a background `sim` with SIGTERM, as in kill $!. The background jobs of a shell
+    script ignore Ctrl-C (SIGINT).
 
     --scenario simulates a controller with a known problem. `diagnose` finds the root cause in a capture of
     the traffic. Lines that begin with # show what the scenario does.

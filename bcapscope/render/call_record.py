@@ -50,12 +50,12 @@ class CallRecordRenderer:
 
     def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
         """Return a call as one JSON object, without a line end. `subject` is the object that the call's
-        handle refers to. The JSON member `object` is the label of `subject`.
+        handle refers to. The JSON member `object` contains `subject.label`, such as `Robot 1`.
 
-        `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
-        `rtt_ms` is the time from the answered attempt to the accepted reply. All lists except `serials` and
-        `places` hold frame numbers. If the call was captured at two places, `places` has one object per
-        frame.
+        `started` is in seconds since 1970. `latency_ms` is the time from the first request to the accepted
+        reply. `rtt_ms` is the time from the answered attempt to the accepted reply. All lists except
+        `serials` and `places` hold frame numbers. If the call was captured at two places, `places` has one
+        object per frame.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain or isinstance(request, JoinedObservation):
@@ -146,7 +146,7 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
 
 def _place_object(seen: JoinedObservation) -> dict[str, object]:
     near, far = (
-        # a running proxy does not show some frames on the controller's leg, and gives them the number 0
+        # a running proxy gives the number 0 to all frames on the controller's leg
         None if each is None else each.number or None
         for each in (seen.at_client, seen.at_controller)
     )

@@ -149,8 +149,8 @@ class CallRenderer:
         return self._located(self._frames_text.format(requests, ",".join(map(str, numbers))), call)
 
     def _located(self, frames: str, call: Call) -> str:
-        """If several captures are read, append the captures and packets of the frames to the text
-        `frames`.
+        """Return `frames`. If bcapscope reads several captures, append the names of the captures and the
+        packet numbers.
         """
         origins = origins_text((event.observation.number for event in call.frames), self._words)
         return f"{frames} ({origins})" if origins else frames

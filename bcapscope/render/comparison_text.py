@@ -154,8 +154,8 @@ def _rule_lines(
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     """Return the differences between two captures as one JSON object, without a line end.
 
-    A figure that `stats --json` also prints has the same name in the object. Shares are from 0 to 1, times
-    are in milliseconds.
+    Figures from `stats --json` have the same names in the JSON object. Shares are from 0 to 1, times are in
+    milliseconds.
     """
     return orjson.dumps(
         {

@@ -106,9 +106,9 @@ class CsvTableRenderer:
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
         """Return the arguments as JSON, copied from the JSON object of the frame.
 
-        The method searches for ``"args":`` in the JSON text. Text from the wire cannot contain ``"args":``,
+        The method searches for ``"args":`` in the JSON text. A JSON string cannot contain ``"args":``,
         because JSON escapes quotation marks in strings. The result begins with a bracket, so a spreadsheet
-        does not evaluate it.
+        does not evaluate the result as a formula.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

@@ -19,8 +19,9 @@ from bcapscope.render.escape import printable
 from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
-"""Minimum and maximum width of the text in columns. The minimum holds even on a narrower terminal; lines
-longer than the maximum would be hard to read."""
+"""Minimum and maximum length of a line, in terminal columns. The minimum applies even on a narrower terminal.
+Lines longer than the maximum would be hard to read.
+"""
 
 _STEP = 4
 

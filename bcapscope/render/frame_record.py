@@ -67,7 +67,7 @@ class _ArgumentConverter:
     """Converts arguments to JSON types. `places` collects the placeholders."""
 
     def __init__(self, constants: FrameNumbers | None = None) -> None:
-        """If `constants` is given, write the numbers in `constants` instead of placeholders."""
+        """If `constants` is given, the JSON contains the numbers from `constants` instead of placeholders."""
         self.places: list[_Place] = []
         self._constants = constants
         self._numbers_placed = 0
@@ -193,7 +193,7 @@ def _make_record_template(
         zip(frame.arguments, number_counts(frame.arguments), strict=True)
     ):
         variant = argument.variant
-        # an argument without variable numbers has the same value in all frames of the template
+        # if `taken` is 0, the argument has the same value in all frames that use the template
         used = converter if taken else _ArgumentConverter(tuple(iter_numbers(variant)))
         arguments.append({"name": text_fragment(role(function_id, index).name), **used.members(variant)})
     members = {

@@ -154,8 +154,8 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return ``error``, ``warning`` or ``good``, a text with the number of findings, and the sentence of the
-    first finding; "" instead of the sentence if the verdict is ``good``.
+    """Return three texts: the verdict (``error``, ``warning`` or ``good``), the number of findings, and the
+    sentence of the first finding. For the verdict ``good``, the third text is "".
     """
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)

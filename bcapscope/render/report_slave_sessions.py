@@ -212,8 +212,8 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Yield a plotly trace with one mark per set point. The height of a mark shows the time in ms from
-        `facts`, such as the cycle time. A set point without a time gets no mark.
+        """Yield a plotly trace with one mark per set point. The height of a mark is a time of the set point
+        in ms, such as the cycle time. A set point without a time gets no mark.
         """
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")

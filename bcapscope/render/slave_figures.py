@@ -298,7 +298,7 @@ _AXIS_HEADER = (
     ("", "least", "most", "step", "at-frame", "velocity", "", "acceleration", "", "off", "", "lag"),
     ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
 )
-"""Ids of the column headings, in two rows."""
+"""Message ids of the two heading rows of the axis table, without the prefix ``slave.column.``."""
 
 
 def _axes(axes: Sequence[AxisMotion], writer: CaptionWriter) -> Iterator[str]:

@@ -36,8 +36,9 @@ from bcapscope.traffic.observation import Conversation
 _PLACE_COLUMNS = ("frames", "lost", "p50", "p90", "p99", "max", "error")
 
 MAX_ROWS = 40
-"""Maximum number of rows of a text table. The table shows the rows with the largest line times. JSON output
-contains all rows.
+"""Maximum number of rows of a text table. The table of clients shows the clients with the most calls. A
+client's own table shows the functions and commands with the largest `line_time_share`. JSON output contains
+all rows.
 """
 
 _LONGEST_NAME = 40

@@ -122,8 +122,8 @@ def edges_around(period: float) -> tuple[float, ...]:
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
     """Yield one line per interval between two edges, from the first to the last interval that has values.
 
-    The histogram counts a whole bin in the interval that contains the bin's middle. An interval with at least
-    one value always has a bar, so that rare values are visible.
+    The histogram assigns all values of a bin to the interval that contains the middle of the bin. An interval
+    with at least one value always has a bar, so that rare values are visible.
     """
     counts = [0] * (len(edges) + 1)
     for each in bins:
@@ -159,7 +159,7 @@ _HOLE = "·"
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """Return one character per value, scaled from the smallest to the largest.
+    """Return one bar character per value. The scale of the bars runs from the smallest to the largest value.
 
     NaN and infinities become dots.
     """

@@ -21,8 +21,8 @@ class TimeFormat(StrEnum):
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
-    """Return a function that formats times. The returned function counts relative times from the first time
-    that it formats."""
+    """Return a function that formats times in ns. In the format `RELATIVE`, the first formatted time counts
+    as 0."""
     if time_format is TimeFormat.UTC:
         return utc_text
     if time_format is TimeFormat.EPOCH:

@@ -11,8 +11,8 @@ sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
 ``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
 ``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
     The commanded pose, with as many axes as the client sent. In a column name such as ``X_mm``, the part
-    after the underscore is the unit. For a linear axis in a J-type pose, the value is in mm although the
-    column's name says degrees: a capture does not show which axes are linear.
+    after the underscore is the unit. A capture does not show which joints are linear axes, so the names
+    of all joint columns say degrees. The value of a linear axis is nevertheless in mm.
 ``returned_J1_deg`` … and so on
     The pose in the accepted reply; empty if the reply has no pose.
 ``reply_s``

@@ -40,9 +40,7 @@ even if a clean-up function still runs.
 """
 
 HALT_KEY_WINDOW = 0.5
-"""If the terminal driver halted the robot less than this time in seconds ago, `action_halt` sends no second
-halt.
-"""
+"""Minimum time in seconds from a halt by the terminal driver to another halt by `action_halt`."""
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
@@ -50,8 +48,8 @@ TERMINAL_CHECK_INTERVAL = 1.0
 _GC_THRESHOLDS = (2_000, 20, 1000)
 """Thresholds of Python's garbage collector. The screen handles no key while the garbage collector runs.
 
-The thresholds make slow runs of the garbage collector rare. A run takes 1 ms for new objects, 30 ms for older
-objects, and 50 ms for all objects.
+The thresholds make slow runs of the garbage collector rare. The garbage collector takes 1 ms for new
+objects, 30 ms for older objects, and 50 ms for all objects.
 """
 
 
@@ -92,7 +90,7 @@ class BcapApp(KeyOrderApp):
         """
         # Without this assignment, Textual first shows a blank default screen, and reads all styles for it.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
-        # the list must exist before the terminal driver, which calls these callbacks
+        # `_halts` must exist before the terminal driver, because the driver calls the callbacks in `_halts`
         self._halts: list[Callable[[], bool]] = []
         self._last_halt = -math.inf, False
         self._control_char_filter = ControlCharFilter()
@@ -156,8 +154,8 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Close the application cleanly if the terminal is gone. SIGHUP may not reach this process. Without
-        SIGHUP, Textual would read the end of its input in a busy loop.
+        """Close the application cleanly if the terminal is gone. A terminal that closes does not always send
+        SIGHUP to this process. Textual tries to read from a closed terminal in a busy loop.
         """
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
@@ -205,7 +203,9 @@ class BcapApp(KeyOrderApp):
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Stop all motion, unless the terminal driver has just stopped it, and show a message."""
+        """Show a message and stop all motion. If `_halt_by_key` has just stopped all motion, only show the
+        message.
+        """
         halted_at, was_moving = self._last_halt
         if time.monotonic() - halted_at > HALT_KEY_WINDOW:
             was_moving = self.halt()

@@ -2,8 +2,8 @@
 text after it.
 
 A renderer writes a style code from a `Palette` before each piece of text. In the palette `INK`, each style
-code is one character below U+0020. Escaped text contains no character below U+0020, so text from the wire
-cannot select a style.
+code is one character below U+0020. bcapscope escapes the control characters in text from the wire, so
+text from the wire contains no ink mark.
 """
 
 from __future__ import annotations

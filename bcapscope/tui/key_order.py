@@ -35,7 +35,7 @@ class KeyHandled(Message):
     """A marker message that follows a key through the widgets. The marker arrives after the widgets have
     handled the key.
 
-    A second marker follows the events that the key caused, such as the press of a button.
+    A second marker arrives after the widgets have handled all events that the key caused.
     """
 
     target: MessagePump
@@ -54,8 +54,8 @@ class KeyOrderApp(App[None]):
         self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}
 
     async def on_event(self, event: Event) -> None:
-        """Delay keys and pasted text until the previous key is handled. Handle urgent keys, such as the HALT
-        keys, and all other events immediately.
+        """Delay normal keys and pasted text until the widgets have handled the previous key. Urgent keys,
+        such as the HALT keys, do not wait.
         """
         is_urgent = isinstance(event, Key) and event.key in self._urgent_keys
         if not isinstance(event, Key | Paste) or event.is_forwarded or is_urgent:

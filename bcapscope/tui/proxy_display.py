@@ -21,8 +21,8 @@ from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
-"""The controller counts as silent if the client's latest data is more than this time in seconds newer than
-the controller's latest data.
+"""If the client sends data after `_SILENT_AFTER` seconds without data from the controller, the controller
+counts as silent.
 """
 
 _MAX_MESSAGES = 5000
@@ -156,7 +156,7 @@ def _slow_warning(delays: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Return an escaped line that says which messages the proxy holds, styled with marks of `INK`."""
+    """Return an escaped line that shows which messages the proxy holds. The line contains ink marks."""
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
     return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

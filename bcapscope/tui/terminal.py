@@ -1,4 +1,4 @@
-"""The terminal drivers of the screen, and the filter that removes control characters from its lines."""
+"""Terminal drivers, and a filter that removes control characters from the lines of the screen."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ _IDEOGRAPHIC_SPACE = "\u3000"
 
 
 class ControlCharFilter(LineFilter):
-    """Replaces each character that is not printable."""
+    """Replaces or removes each character that is not printable."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         if all(segment.text.isprintable() for segment in segments):
@@ -143,8 +143,8 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each control character by a text. The text has as many columns as Textual counts for the
-    character.
+    """Replace each unprintable character with one U+FFFD per terminal column of the character. A control
+    character has no column, so the function removes control characters.
     """
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)

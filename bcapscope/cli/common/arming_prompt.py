@@ -61,7 +61,8 @@ def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
 def prompt_line(question: str) -> str:
     """Write a question to stderr, and return the line that the user types, without blanks at its ends.
 
-    click is not used: it calls Python's `input`, which loses a Ctrl-C during the output of the question.
+    `prompt_line` replaces `click.prompt`, which calls Python's `input`. If the user presses Ctrl-C while
+    `input` prints a question, `input` loses this Ctrl-C.
 
     Raises:
         click.Abort: Standard input ended.

@@ -26,7 +26,7 @@ attended_option = click.option(
 
 
 def open_publisher(job: str) -> WatcherSubscriber:
-    """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` as JSON."""
+    """Return a publisher that sends the decoded traffic to the screen. `job` is a `ReadJob` as JSON."""
     import msgspec
 
     from bcapscope.tui.traffic_processes.process_messages import ReadJob

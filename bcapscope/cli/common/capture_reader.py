@@ -77,7 +77,7 @@ class CaptureReader(CaptureInput):
 
         `side` is the side to read if a conversation was captured at both sides; None to read both sides.
         `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
-        `comment_words` chooses the language of the comments on pasted frames.
+        `comment_words` formats the comments that bcapscope adds to pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.

@@ -51,7 +51,7 @@ class NumberRange(click.FloatRange):
 
 
 class IntegerRange(click.IntRange):
-    """Click's type for an integer between two bounds, which the user types in ASCII digits."""
+    """Click's parameter type for integers between two bounds, decimal or hexadecimal with the prefix 0x."""
 
     def __init__(self, minimum: int, maximum: int) -> None:
         super().__init__(min=minimum, max=maximum)

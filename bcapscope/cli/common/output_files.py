@@ -69,5 +69,5 @@ class AtomicFile:
 
     def __exit__(self, *_: object) -> None:
         """Remove the file unless it was committed."""
-        with suppress(OSError):  # The temporary file does not exist after `commit` or without a `write`.
+        with suppress(OSError):  # the temporary file exists only between the first `write` and `commit`
             self._temporary.unlink()

@@ -18,7 +18,7 @@ from bcapscope.cli.common import options
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
-# Functions import what they need, because `tui` also imports this module and must open captures fast.
+# This module imports most other modules inside functions, so that `bcapscope tui` starts fast.
 if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
@@ -89,8 +89,8 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Pass the messages of the rules to the user through the relay. With --control, open the control
-        socket and return the control server.
+        """Make rules and scripts report their messages through `relay.notify`. With --control, open the
+        control socket and return the control server.
 
         Clients of the control socket can also read the values in `state`.
 
@@ -149,7 +149,7 @@ class RuleOptions:
 
 
 _TYPED = f"{__name__}.typed"
-"""Key under which the dict `meta` of click's context keeps the rule options that the user typed."""
+"""Key in `click.Context.meta` for the rule options that the user typed."""
 
 
 def _make_rule_options(

@@ -32,8 +32,8 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles in degrees at the start, as VT_R4 values. The values are those that DENSO Wave 2009 shows
-after slvMove.
+"""Joint angles in degrees at the start, as VT_R4 values. Source: the position after slvMove in DENSO Wave
+2009, How to use the Slave mode.
 """
 
 END_TIMEOUT = 2.0

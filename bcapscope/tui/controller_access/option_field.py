@@ -1,7 +1,8 @@
-"""The Option field of the connection, as in b-CAP Tester, which contains a text such as ``Timeout=300``.
+"""Parses the text in the Option field of the connection, such as ``Timeout=300``. b-CAP Tester also has an
+Option field.
 
-The field has pairs of key and value. The key of a pair decides who gets the pair: bcapscope, Service_Start or
-Controller_Connect.
+The text consists of pairs of key and value. The key of a pair decides whether bcapscope, Service_Start or
+Controller_Connect uses the pair.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
 """Names of the providers that bcapscope tries in this order if the user names no provider. The first provider
 is for RC8 and COBOTTA, the second for RC9 and COBOTTA PRO.
 
-An RC7 accepts the first provider, because it ignores the name.
+An RC7 ignores the provider's name, so the first provider name also works for an RC7.
 """
 
 

@@ -187,7 +187,7 @@ class BaseScreen(Screen[None], PlainContainer):
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield a number key for each view of a screen. `tip` is the label id of the explanation."""
+    """Yield a number key for each view of a screen. `tip` is the id of a label that explains the keys."""
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 

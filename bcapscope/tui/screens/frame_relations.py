@@ -57,10 +57,10 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Return the number of a frame's partner. The partner of a request is its reply, and the partner of a
-    reply is its request.
+    """For a request, return the number of its reply. For a reply, return the number of its request.
 
-    If the frame has no partner, return None and the id of a label that says why.
+    The second result is "". If no reply or request is found, return None and the id of a label that explains
+    the reason.
     """
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
@@ -76,7 +76,7 @@ def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult 
 
     Args:
         relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
-        frame: Frame whose related frames the filter selects.
+        frame: Frame to which the selected frames are related.
         settled: Call or stray reply to which the frame belongs; None if the call is not complete yet.
     """
     client = f"client == {frame.observation.flow.conversation.client}"

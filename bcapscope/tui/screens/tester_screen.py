@@ -64,7 +64,7 @@ _EXECUTE_CONTROLLER = 17
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
 _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""CSS selector of widgets that the navigation skips, because they precede the main widget of an area."""
+"""CSS selector of the widgets that `_focus_first_in` skips to reach the main widget of an area."""
 
 
 class TesterOptions(NamedTuple):
@@ -234,7 +234,7 @@ class TesterScreen(BaseScreen):
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
             panel.wait_for_address()
-            # Cancel does not end `_start_simulator`, which must fill in the address.
+            # `_start_simulator` is a separate worker, because `action_cancel` must not stop this worker.
             self._start_simulator()
             panel.request_connect()
             return

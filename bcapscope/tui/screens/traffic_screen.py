@@ -265,7 +265,8 @@ class TrafficScreen(TrafficViews):
             self._open_capture(str(Path(path).expanduser()))
 
     def _open_capture(self, path: str) -> None:
-        if not os.path.isfile(path):  # `isfile` returns False even for a name that no file can have
+        # unlike `Path.is_file`, `os.path.isfile` raises no exception for a name that is too long
+        if not os.path.isfile(path):
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:

@@ -40,7 +40,7 @@ from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
 from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
-"""Views that list frames or calls, each with the kind of record that its filter tests."""
+"""Kind of record that the filter of a view tests, for each view that has a filter."""
 
 _NARROW_WIDTH = 100
 """Terminal width in columns below which the screen rounds large counts."""

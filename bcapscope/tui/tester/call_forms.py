@@ -55,7 +55,7 @@ class CommandForm(Vertical):
         """Show what the typed command does, and fill in or clear the parameter.
 
         The form fills in the parameter that the user last sent with the typed command. If the user never sent
-        the typed command, the form clears the parameter of the previously sent command.
+        the typed command, the form clears a parameter that the user sent with another command.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:

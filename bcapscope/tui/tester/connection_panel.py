@@ -83,7 +83,7 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def cancel_connect(self) -> None:
-        """Cancel a connection that waits until `fill_address` fills in the address."""
+        """Prevent `fill_address` from starting a postponed connection."""
         self._is_connect_pending = False
 
     def wanted_connection(self) -> ConnectWanted | str:

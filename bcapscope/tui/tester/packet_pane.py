@@ -32,8 +32,8 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20
-"""Maximum size in bytes of the packets in a `PacketBox` while Overwrite is off. The oldest packets are
-dropped first.
+"""Maximum total size in bytes of the packets in a `PacketBox`. The `PacketBox` drops the oldest packets
+first, and always keeps the newest packet.
 """
 
 

@@ -1,5 +1,5 @@
-"""Messages between the screen and the processes that read, search and save traffic, and functions that pass
-messages through pipes.
+"""Messages between the screen and the processes that read, search and save traffic. `send_message` and
+`receive_messages` pass the messages through pipes.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _NICE = 5
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Message to the reader process: no more traffic will arrive. After this message, the reader process
-processes the remaining data and ends.
+"""Message to the reader process: no more traffic will arrive. After `STOP_READING`, the reader process
+reads the remaining data and ends.
 """
 
 
@@ -113,7 +113,7 @@ class SearchRequest(msgspec.Struct, frozen=True):
     """A request to search the frames or the calls.
 
     Attributes:
-        generation: Number of the search. Each `SearchMatches` of the search has the same number.
+        generation: Number that identifies the search and all `SearchMatches` of the search.
         kind: Kind of record to search: ``frame`` or ``call``.
         expression: Filter expression; "" stops the search.
     """

@@ -191,7 +191,7 @@ class _LiveCapture:
 
 def main() -> None:
     begin_process()
-    # `FileIO` replaces `sys.stdin`: at exit, the thread "end" would still hold the lock of `sys.stdin`
+    # A thread that reads `sys.stdin` would still hold the lock of `sys.stdin` at exit. `FileIO` has no lock.
     stdin = io.FileIO(0, closefd=False)
     job = next(receive_messages(stdin, ReadJob), None)
     if job is None:

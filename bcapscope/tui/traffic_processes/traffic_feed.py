@@ -65,8 +65,8 @@ class TrafficFeed:
         watcher of a proxy reads the traffic.
 
         Args:
-            job: Which traffic to read. If `reports` is None, the feed replaces `folder` and `language` of the
-                job.
+            job: Which traffic to read. If `reports` is None, the feed ignores `job.folder` and
+                `job.language`, and chooses its own values.
             reports: Stream of `ReadProgress` and `TrafficAnalysis` messages from a proxy's watcher.
         """
         self._folder: TemporaryFolder | None = None
@@ -160,7 +160,8 @@ class TrafficFeed:
         with self._lock:
             listener = self._listener
             if listener is None:
-                self._undelivered.pop(type(message), None)  # a new update becomes the last one
+                # `pop` keeps the updates in `_undelivered` in the order of their arrival
+                self._undelivered.pop(type(message), None)
                 self._undelivered[type(message)] = message
         if listener is not None:
             listener(message)

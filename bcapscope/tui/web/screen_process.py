@@ -43,8 +43,8 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Count one more viewer during the `with` block. Raise `NoSeat` if the maximum number of viewers
-        stays connected.
+        """Count one more viewer during the `with` block. Raise `NoSeat` if too many viewers are connected,
+        and no viewer disconnects in time.
         """
         if not await self._acquire(RELOAD_WITHIN) and not (
             self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)

@@ -79,7 +79,7 @@ class WebServer:
         self._seats = ViewerSeats(viewers)
         self._websockets: set[web.WebSocketResponse] = set()
         self._connections: WebConnections | None = None
-        # textual-serve only renders the page. This module itself controls access, processes and logging.
+        # textual-serve only renders the page. bcapscope handles access control, screen processes and logging.
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
@@ -182,7 +182,7 @@ class WebServer:
         others = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
         return _page(
             f"<h1>{others} connected</h1>"
-            "<p>Each viewer has a screen of their own, and only one client can hold the robot. "
+            "<p>Each viewer gets a separate screen, and only one screen can control the robot at a time. "
             "Close the other page, then try again. <code>--viewers</code> allows more viewers.</p>"
             f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Try again</a></p>',
             status=503,

@@ -59,7 +59,9 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys as fit, those of the focused widget first. A click on a key runs its action."""
+    """Shows as many keys as fit on the bar. The keys of the focused widget come first. A click on a key in
+    the bar has the effect of pressing the key.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -107,8 +109,8 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show which view is visible, and how many rows each view has. From the texts in `states`, also show
-        the first text that fits.
+        """Show which view is visible, and how many rows each view has. Show the first text in
+        `states` that is short enough for the rest of the bar.
         """
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states

@@ -256,7 +256,7 @@ class CallList(RecordList[CallStore]):
         return row, row.settled.observation.number
 
     def go_to_call(self, row: int) -> bool:
-        """Select a call by its number from 1; return whether the list shows the call."""
+        """Select the call with the number `row`, counted from 1. Return False if the list lacks the call."""
         position = self.row_of(row)
         if position is None or position >= self.row_count:
             return False
