@@ -44,10 +44,10 @@ On the right is one of
 
 Text comparisons ignore case, as controllers do. Regular expressions ignore
 case, too, unless they contain (?-i). With a name or a hexadecimal number on
-the right, < <= > >= compare HRESULTs as unsigned numbers. With a decimal number
-below 2147483648 on the right, < <= > >= compare HRESULTs as signed numbers.
-Therefore hresult >= 0x80000000 selects the same replies as hresult < 0. A
-VT_R4 seldom equals a decimal exactly; compare it with a range.
+the right, < <= > >= compare HRESULTs as unsigned numbers. With a decimal
+number below 2147483648 on the right, < <= > >= compare HRESULTs as signed
+numbers. Therefore hresult >= 0x80000000 selects the same replies as
+hresult < 0. A VT_R4 seldom equals a decimal exactly; compare it with a range.
 
 A comparison is false if the field has no value, or a value of another type.
 The comparisons != and "not in" are false, too, if the field has no value. For
