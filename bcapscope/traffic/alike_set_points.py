@@ -9,20 +9,21 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class AlikeSetPoints:
-    """The current run of alike set points in one conversation.
+    """The current series of alike set points in one conversation.
 
-    A set point belongs to a run if the client sent it once, the controller answered with S_OK, and request
-    and reply are undamaged. Successive requests in a run, and successive replies, differ only in the serial,
-    the reserved field and the numbers in the arguments. A run of alike set points begins after an accepted
-    set point. The run ends before the first call that is no alike set point.
+    A series contains only set points that the client sent once and that the controller accepted with S_OK.
+    All frames of a series are undamaged. The requests of alike set points differ only in the serial, the
+    reserved field and the numbers in the arguments. The replies to alike set points differ only in the
+    serial, the reserved field and the numbers in the value. A series of alike set points begins after an
+    accepted set point.
     """
 
     def __init__(self) -> None:
         self._templates: tuple[FrameTemplate, FrameTemplate] | None = None
-        """The templates of the requests and of the replies in the current run; None if there is no run."""
+        """The templates of requests and replies in the current series; None if there is no series."""
 
     def continues(self, call: Call) -> bool:
-        """Return whether a call belongs to the current run."""
+        """Return whether a call belongs to the current series of alike set points."""
         templates, reply = self._templates, call.reply
         if templates is None or reply is None or call.other_frames:
             return False
@@ -40,7 +41,9 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the current run. If `call` is an accepted set point, begin a new run."""
+        """End the series if `call` failed or is no set point. Begin a new series if `call` is a set point
+        with S_OK.
+        """
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

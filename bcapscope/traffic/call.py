@@ -77,7 +77,7 @@ class CallState(StrEnum):
     SETTLED = "settled"
     """Complete: no further frame can belong to the call."""
     EVICTED = "evicted"
-    """Complete: the tracker evicted the call to limit memory, although a reply could still follow."""
+    """The tracker completed the call early, to limit memory. A reply to the call could still follow."""
 
 
 _WAITING = CallState.WAITING
@@ -108,14 +108,14 @@ class Call:
         abandoned_at: Time when the client began another call before it received a reply to this call, ns
             since 1970; 0 if the client began no such call. If the reply came after the client's timeout,
             `abandoned_at` is the time of the timeout.
-        gave_up_inferred: Whether `abandoned_at` is only inferred from the times between the attempts.
+        gave_up_inferred: Whether bcapscope inferred `abandoned_at` only from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
-            attempts surely belong to it.
-        may_go_on: Whether the call may have further attempts that were not captured, or that bcapscope counts
-            as another call. The client may have received the reply to an attempt that is missing from this
-            call.
-        may_continue_in: The client's next call, if the attempts of the next call may be retries of this call.
-            The value is None for a complete call.
+            attempts surely belong to this call.
+        may_go_on: Whether attempts may be missing from this call. A missing attempt was not captured, or
+            bcapscope counts the attempt as another call. The client may have received the reply to a missing
+            attempt.
+        may_continue_in: The client's next call, if bcapscope may have mistaken retries of this call for a new
+            call; None for a complete call.
         was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
         stray_replies: Replies and notices for attempts of this call that were not captured. These frames are
             also reported as stray replies, because they came before the capture showed that the attempts
@@ -127,8 +127,8 @@ class Call:
         crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
             this client. bcapscope determines this time when the call becomes complete.
         skipped_handles: Number of handles that the controller skipped before the handle in the accepted
-            reply. A call with n attempts explains at most n - 1 skipped handles. If the controller skipped
-            more handles, `skipped_handles` is 0.
+            reply. A call with n attempts can make the controller skip at most n - 1 handles. If the
+            controller skipped more handles, `skipped_handles` is 0.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             became complete.
@@ -263,7 +263,7 @@ class Call:
 
     @property
     def lost_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies that were captured in time, and that the client evidently did not receive."""
+        """Replies with the role `LOST`. The client evidently did not receive lost replies."""
         return self._frames_with_role(FrameRole.LOST)
 
     @property

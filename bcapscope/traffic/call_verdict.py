@@ -54,8 +54,8 @@ class CallVerdict(StrEnum):
     """The controller executed the call more than once: replies to its attempts differ in result or value. A
     server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
     DENSO Wave 2009 also shows two equal replies to a retried call. Handles that the controller skipped also
-    prove that the controller executed the call more than once. Skipped handles prove nothing if there are
-    more skipped handles than unanswered attempts.
+    prove that the controller executed the call more than once. Skipped handles count as proof only if their
+    number is smaller than the number of the call's attempts.
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client
@@ -77,7 +77,8 @@ class CallVerdict(StrEnum):
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
-    reply was late. Several courses of events give the same capture (`tests/traffic/possible_worlds.py`).
+    reply was late. `tests/traffic/possible_worlds.py` finds all sequences of events that give the same
+    capture.
     """
 
 
@@ -148,8 +149,8 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
     """Return whether an attempt evidently got lost on its way to a capture point at the controller.
 
-    A capture at the controller holds a reply to each attempt that reached the controller. The capture may
-    lack the attempt itself. `received` holds the serials of the attempts with replies or notices.
+    A capture at the controller holds a reply to each attempt that reached the controller, even if the capture
+    lacks the attempt. `received` holds the serials of the attempts with replies or notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)

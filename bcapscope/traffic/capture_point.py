@@ -1,10 +1,11 @@
 """Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
 A reply and a retry cross on the network if the client sends the retry before the client receives the reply. A
-reply that crosses a retry is late. A client that has received a reply sends no retry, so a reply that no
-retry crossed was lost. A capture on the client's computer shows whether the reply was late or lost. In a
-capture from another computer, reply and retry may have crossed even if the reply was captured first. A reply
-and a retry that crossed are captured within one round trip from the capture point to the client and back.
+reply that reaches the client after the client sent a retry is late. If the client retries although the reply
+should have arrived before the retry, the reply was lost. A capture on the client's computer shows whether a
+reply was late or lost. In a capture from another computer, reply and retry may have crossed even if the reply
+was captured first. If a reply and a retry crossed, their capture times differ by at most the round-trip time
+between capture point and client.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns from a reply to a retry that the client was already preparing when the reply arrived.
-The value applies to captures on the client's computer.
+"""Maximum time in ns between a reply and a retry that crossed, in a capture on the client's computer. The
+client may already be preparing the retry when the reply arrives.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
@@ -46,14 +47,13 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    `CrossingWindow` infers the maximum time from the client's reaction times. A reaction time is the time
-    between the captures of a reply and of the client's next request. The client needs a part of the reaction
-    time to prepare the request. The rest of the reaction time is the round trip from the capture point to the
-    client and back.
+    `CrossingWindow` estimates the round-trip time between capture point and client from the client's reaction
+    times. A reaction time is the time between the captures of a reply and of the client's next request. Each
+    reaction time includes a round trip between capture point and client.
 
     Attributes:
-        considered_below_ns: Only reaction times of the client below this limit in ns can change
-            `nanoseconds`.
+        considered_below_ns: Limit for the client's reaction times, ns. Reaction times at or above the limit
+            do not change `nanoseconds`.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:

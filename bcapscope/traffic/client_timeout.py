@@ -18,7 +18,7 @@ may still accept the reply to its previous request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
-"""A client that retried a call has given it up if no attempt follows for this number of timeouts."""
+"""Assumed number of timeouts without a further attempt after which a client gives up a retried call."""
 
 SHORTEST_SILENCE_NS = 50_000_000
 """Minimum silence in ns after which bcapscope assumes that the client gave up a call. A busy client or
@@ -69,8 +69,8 @@ def gives_up_at(call: Call) -> int:
 
 
 def waits_in_vain(call: Call, now: int) -> bool:
-    """Return whether an unanswered call began so long ago that replies to all attempts except the last are
-    overdue.
+    """Return whether an unanswered call began at least `TIMEOUTS_TO_GIVE_UP` - 1 timeouts ago. The result is
+    always False within `SHORTEST_SILENCE_NS` of the call's start, or if the client's timeout is unknown.
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
     return silence > 0 and now - call.request.time >= silence

@@ -66,16 +66,16 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # TCP: reserved field of the latest first attempt. UDP: 1 if this field is not 0, else 0. -1: unknown.
+        # reserved field of the latest first attempt; on UDP, 1 stands for every value except 0; -1 if unknown
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
         self._newest_call: Call | None = None
         self._frame_indexes = FrameIndexes()
         self._extra_frames = 0  # number of frames in `other_frames` of all open calls
-        self._latest_overfull = 0  # number of the latest call that exceeded MAX_EXTRA_FRAMES
-        self._session_call = 0  # number of the latest Service_Start call
-        self._latest_answered = 0  # highest number of an answered call
+        self._latest_overfull = 0  # `Call.number` of the latest call that exceeded MAX_EXTRA_FRAMES
+        self._session_call = 0  # `Call.number` of the latest Service_Start call
+        self._latest_answered = 0  # highest `Call.number` of an answered call
         self._answered_early: deque[tuple[int, int]] = (
             deque()
         )  # call number and reply time of each call that was answered while an older call was open
@@ -167,8 +167,8 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Process a request that only the proxy sent. The request belongs to a call only if it is a copy of a
-        client's request.
+        """Process a request that the proxy sent on its own. `add_own_request` adds the request to a call only
+        if the request repeats an attempt of the call.
         """
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
@@ -258,7 +258,7 @@ class ConversationPairing:
             if observation.time - waits_since(newest) >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-            elif frame.reserved in (0, frame.serial):  # a retry does not show when its call began
+            elif frame.reserved in (0, frame.serial):  # the call of a retry began earlier
                 self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
@@ -291,8 +291,8 @@ class ConversationPairing:
         return True
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a request to `prior` if the request is a copy of an attempt, or a first attempt that a retry
-        overtook. Return whether the request was added.
+        """If a request belongs to the earlier call `prior`, add the request and return True. Only a copy of
+        an attempt, or a first attempt that arrived after a retry, belongs to `prior`.
         """
         if self._is_tcp:
             return False

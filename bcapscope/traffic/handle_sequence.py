@@ -42,8 +42,9 @@ class HandleSequence:
         self._last_handle = handle
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
-        """Return whether later calls prove that the client received a reply to `call` that the capture lacks.
-        The proof is a successful later call with a handle that no captured reply of the session contains.
+        """Return whether later calls prove that the client received a reply to `call`, although the capture
+        lacks the reply. A later call proves the missing reply if the controller accepts a handle that no
+        captured reply of the session contains.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

@@ -1,8 +1,8 @@
 """Table of the states of a call, and of the events that change its state while its frames are captured.
 
-For each pair of state and event, `TRANSITIONS` contains the next state of the call. It also contains the role
-that the event's frame has in the call. `ConversationPairing` determines the event of a frame from serials,
-bytes and times. A pair of state and event that is missing from the table cannot occur.
+`TRANSITIONS` maps each pair of state and event to the next state of the call. `TRANSITIONS` also gives the
+role of the frame that the event adds to the call. `ConversationPairing` determines the event of a frame from
+serials, bytes and times. A pair of state and event that is missing from the table cannot occur.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class CallEvent(StrEnum):
     RETRY = "retry"
     """The client sends another attempt of its newest call."""
     LATER_RETRY = "later retry"
-    """The client sends another attempt of the call after it began another call."""
+    """The client retries the call, although the client has already begun a newer call."""
     OVERTAKEN_RETRY = "overtaken retry"
-    """A retry arrives after an attempt that the client sent later."""
+    """A retry arrives later than a newer attempt, which overtook the retry on the network."""
     FIRST_ATTEMPT = "first attempt"
-    """The first attempt arrives after a retry that the client sent later."""
+    """The first attempt arrives later than a retry, which overtook the first attempt on the network."""
     COPY = "copy"
     """An exact copy of an earlier frame of the call arrives."""
     CAPTURED_AGAIN = "captured again"
@@ -78,7 +78,7 @@ _ROLES_WITHOUT_CHANGE = {
     CallEvent.EARLIER_REPLY: FrameRole.LATE,
     CallEvent.UNDELIVERED_REPLY: FrameRole.LOST,
 }
-"""Events that leave the state of an open call unchanged, with the role of the added frame."""
+"""Role of the added frame, for each event that leaves the state of an open call unchanged."""
 
 TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (state, event): Transition(state, role)
@@ -106,7 +106,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ANSWERED, CallEvent.OVERDUE_REPLY): Transition(CallState.SETTLED, None, FrameRole.LATE),
     (_ANSWERED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ANSWERED, CallEvent.EVICTION): Transition(CallState.SETTLED, None),
-    # The client has begun another call, and discards all replies to this call.
+    # The client has begun a newer call, and discards all replies to the abandoned call.
     (_ABANDONED, CallEvent.NOTICE): Transition(_ABANDONED, FrameRole.NOTICE),
     (_ABANDONED, CallEvent.REPLY): Transition(_ABANDONED, FrameRole.LATE),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),

@@ -12,8 +12,8 @@ from bcapscope.traffic.client_timeout import gives_up_at
 from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
-"""Maximum delay in ns of copies and reordered frames. Factory networks delay a frame by milliseconds. A
-client that restarts on the same port within this time begins with a Service_Start.
+"""Maximum delay in ns of a frame that the network copied or reordered. Factory networks delay a frame by
+milliseconds. A client that restarts on the same port within this time begins with a Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
@@ -21,28 +21,29 @@ RETRY_WITHIN_NS = 5_000_000_000
 (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call. This limit is valid if the
-controller has answered a later call. After this time, bcapscope reports a reply as a stray reply with the
-number of the call.
+"""Maximum time in ns to wait for a reply after the client began another call. `LATE_WITHIN_NS` applies if the
+controller has answered a newer call. A reply that comes after `LATE_WITHIN_NS` is a stray reply.
+`StrayReply.call_number` shows which call the controller answered too late.
 """
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call. This limit is valid if the
-controller has not answered a later call. Controllers answer calls in order. If no later call has a reply, the
-controller may still be executing the call.
+"""Maximum time in ns to wait for a reply after the client began another call. `BUSY_WITHIN_NS` applies if the
+controller has answered no newer call. Controllers answer calls in order, so the controller may still be
+executing the abandoned call.
 """
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns between two frames of a call while all later calls are unanswered. The value is the
-InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
-C/src/bCAPServer/bcap_server.c).
+"""Maximum time in ns between two successive frames of an unanswered call. `EXECUTION_NS` applies if the
+controller has answered no newer call. The value is the InvokeTimeout of DENSO's C server, after which this
+server no longer answers (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_EXTRA_FRAMES = 65536
-"""Maximum number of retries, notices and further replies in all open calls of a conversation together. These
-frames take about 30 MB of memory. If a call exceeds the limit, this call and all earlier calls are evicted.
-Further frames of the evicted call start another call. The older C client retries without end (start-jsk/denso
-b-Cap.c). A client that retries every 20 ms without end reaches the limit within 22 minutes.
+"""Maximum number of retries, notices and further replies in all open calls of a conversation together. 65536
+retries, notices and replies take about 30 MB of memory. If a call exceeds the limit, this call and all
+earlier calls are evicted. Further frames of the evicted call start another call. The older C client retries
+without end (start-jsk/denso b-Cap.c). A client that retries every 20 ms without end reaches the limit within
+22 minutes.
 """
 
 FRAME_COST = 512
@@ -88,7 +89,7 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     over = closing is not None and closing.ends_replies
     end = max((call.last_activity for call in open_calls), default=0)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
-    # time of the earliest reply to any call after `call`; `overtaken` if these calls have no reply
+    # time of the earliest reply to any call newer than `call`; without such a reply, `overtaken`
     answered = overtaken
     for call in reversed(open_calls):
         gives_up = gives_up_at(call)

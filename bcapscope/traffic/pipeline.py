@@ -28,7 +28,7 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """For each object whose class overrides the method `method`, return the bound method."""
+    """Return the bound method `method` of each object whose class overrides `method`."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
@@ -151,7 +151,8 @@ class Pipeline:
     def finish(self, ended_at: int = 0) -> None:
         """Complete all open calls, because the traffic has ended.
 
-        `ended_at` is the time when the traffic ended, ns since 1970; 0 for the time of the last observation.
+        `ended_at` is the time when the traffic ended, ns since 1970; 0 if the traffic ended with the last
+        observation.
         """
         if self._joiner is not None:
             self.add_joined(self._joiner.close())

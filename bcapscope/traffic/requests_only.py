@@ -16,7 +16,7 @@ timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py.
 
 
 class RequestsOnlyEvidence:
-    """Finds evidence in a client's requests that the controller answered, although no reply was captured.
+    """Finds out from a client's requests whether the client received replies, although no reply was captured.
 
     A client that uses a handle has received the reply with this handle. Several calls in quick succession
     without a retry prove that the client received replies.

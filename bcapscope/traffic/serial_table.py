@@ -7,7 +7,7 @@ from bcapscope.traffic.recent_serials import RecentSerials
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials in the table, and of unanswered TCP calls per reused serial."""
+"""Maximum number of reused serials. `MAX_REUSED` also limits the waiting TCP calls of each reused serial."""
 
 
 class SerialTable:
@@ -31,7 +31,7 @@ class SerialTable:
         return self._settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
-        """Record that attempts of a call with the serials between `before` and `after` were not captured."""
+        """Record that `call` has uncaptured attempts with the serials between `before` and `after`."""
         serials = skipped_serials(before, after)
         call.unseen_serials += serials
         for serial in serials:
@@ -46,7 +46,7 @@ class SerialTable:
             self.release(serial, call)
 
     def release(self, serial: int, call: Call) -> None:
-        """Remove a serial of a call from `open_calls`. The call gets no more frames."""
+        """Remove a serial from `open_calls`, because `call` gets no more frames."""
         if self.open_calls.get(serial) is call:
             del self.open_calls[serial]
         self._settled.put(serial, call.number)
@@ -70,8 +70,8 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest waiting call that has a reused serial; the number of the call if the call is
-        complete. If `is_answered` is True, remove this call from the queue.
+        """Return the oldest call in the queue of a reused serial. If the oldest call is already complete,
+        return its `Call.number` instead. If `is_answered` is True, remove the oldest call from the queue.
         """
         queue = self.reused[serial]
         oldest = queue[0]

@@ -17,8 +17,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 MAX_OPEN = 8192
 """Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
 limit, the conversation with the most open calls loses the older half of its open calls. Four clients that
-send a set point every 2 ms without a reply reach the limit. An evicted call that the client gave up more than
-a second earlier counts as unanswered, because a reply would be late.
+send a set point every 2 ms without a reply reach the limit. An evicted call counts as unanswered if the
+client gave up this call at least 1 s before the client's newest call.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -28,7 +28,7 @@ stays within this limit.
 """
 
 SWEEP_NS = 50_000_000
-"""Time in ns between two searches for settled calls, measured in the times of the observations."""
+"""Time in ns from one search for settled calls to the next. The observations' times are the clock."""
 
 _REQUEST = Direction.REQUEST
 
@@ -58,7 +58,7 @@ class Tracker:
         self._kinds = CallKinds()
         self._calls_started = 0
         self._calls_settled = 0
-        self._latest_evicted = 0  # number of the latest call that may have been evicted with its conversation
+        self._latest_evicted = 0  # `Call.number` of the latest call when a conversation was last evicted
         self._results: list[PairingResult] = []
         self._swept_at = 0
         self._next_sweep_at = 0

@@ -44,11 +44,10 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """Stray replies to one client. The capture lacks the requests of these replies.
 
-    If the serial of a stray reply is older than the client's latest captured serial, the client sent the
-    request before the capture began, or the capture missed the request. A stray reply with a newer serial may
-    answer a retry of the client's newest call. The serial of the client's next request shows whether the
-    client really sent a retry with the newer serial. The next request may also show to which call the stray
-    reply belongs.
+    A stray reply with an earlier serial than the client's latest captured request answers an uncaptured
+    request. A stray reply with a later serial may answer an uncaptured retry of the client's newest call. The
+    serial of the client's next request shows whether the client really sent the uncaptured retry. The
+    client's next request may also show to which call a stray reply belongs.
 
     Attributes:
         waiting: Whether the class holds stray replies until the client's next request.
@@ -83,12 +82,12 @@ class UnseenRequests:
         del self._recent[: -2 * MAX_UNSEEN]
 
     def pop_before(self, serial: int) -> list[StrayReply]:
-        """Return the stray replies that answer attempts before the client's next request. `serial` is the
-        serial of the next request.
+        """Return the stray replies to attempts that the client sent before its next request. `serial` is the
+        serial of the client's next request.
 
-        `pop_before` drops each stray reply whose serial the client had not used before. `request_missed` of a
-        dropped reply becomes False. If the request is only a copy of the client's latest request, return no
-        replies and change nothing.
+        `pop_before` drops each stray reply whose serial is `serial` or later, and sets `request_missed` of
+        the dropped reply to False. If the next request is only a copy of the client's latest request,
+        `pop_before` returns no replies and drops none.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -113,8 +112,8 @@ class UnseenRequests:
         """Add each stray reply to `call` if the reply answers an attempt of `call` that was not captured.
 
         Other stray replies may answer attempts of the client's previous call. `named` is the reserved field
-        of the client's next request. If `named` is the serial of an uncaptured attempt, other uncaptured
-        attempts may belong to another call.
+        of the client's next request. If `named` is the serial of an uncaptured attempt of the newest call,
+        `assign` adds only the reply to this attempt.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -147,12 +146,13 @@ class UnseenRequests:
 def find_retried_call(
     newest: Call | None, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
 ) -> tuple[Call | None, Call | None]:
-    """Find the call of a retry whose reserved field holds the serial of an attempt that was not captured.
+    """Decide whether a retry belongs to `newest`. The reserved field of the retry holds the serial of an
+    uncaptured attempt.
 
-    Return a pair: the call to which the retry probably belongs, and the call to which the retry may belong.
-    Each element of the pair is `newest` or None.
+    Return (`newest`, `newest`) if the retry probably belongs to `newest`. Return (None, `newest`) if the
+    retry possibly belongs to `newest`. Return (None, None) if the retry does not belong to `newest`.
 
-    Only with the convention `CHAIN` can a retry contain the serial of an attempt other than the first.
+    The reserved field of a retry holds the first attempt's serial, except with the convention `CHAIN`.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None, None
@@ -169,7 +169,7 @@ def find_retried_call(
 
 
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
-    """Set `may_go_on` of an unanswered call if the client's next call may consist of retries of this call.
+    """Set `may_go_on` of the unanswered `call` if the client's next call may consist of retries of `call`.
 
     Retries of `call` may appear as several later calls. The controller sends S_EXECUTING only for one attempt
     of a call: the first attempt that the controller receives. A second S_EXECUTING therefore belongs to

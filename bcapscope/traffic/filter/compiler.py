@@ -43,19 +43,18 @@ On the right is one of
     true  false  null
 
 Text comparisons ignore case, as controllers do. Regular expressions ignore
-case, too, unless they contain (?-i). The signs < <= > >= compare an HRESULT
-with a name or a hexadecimal number as unsigned numbers. The same signs compare
-an HRESULT with a decimal number below 2147483648 as signed numbers. Therefore
-hresult >= 0x80000000 selects the same replies as hresult < 0. A VT_R4 seldom
-equals a decimal exactly; compare it with a range.
+case, too, unless they contain (?-i). With a name or a hexadecimal number on
+the right, < <= > >= compare HRESULTs as unsigned numbers. With a decimal
+number below 2147483648 on the right, < <= > >= compare HRESULTs as signed
+numbers. Therefore hresult >= 0x80000000 selects the same replies as
+hresult < 0. A VT_R4 seldom equals a decimal exactly; compare it with a range.
 
 A comparison is false if the field has no value, or a value of another type.
 The comparisons != and "not in" are false, too, if the field has no value. For
-example, a request has no hresult, so hresult != S_OK selects only replies. The
-filter not (hresult == S_OK) selects the same replies and all requests.
-Comparisons with null are different. The comparison field == null is true if
-the field has no value. The comparison field != null is true if the field has a
-value.
+example, a request has no hresult, so hresult != S_OK selects only replies. To
+select all requests, too, write not (hresult == S_OK). Comparisons with null
+are different. The comparison field == null is true if the field has no value.
+The comparison field != null is true if the field has a value.
 """
 
 from __future__ import annotations
@@ -161,7 +160,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     Raises:
         FilterError: The expression is invalid, or uses a field that records of this kind do not have.
     """
-    # `parse` needs getters to build a test. The test is never called, so `bool` replaces every getter.
+    # `parse` needs getters to build a test. Nothing calls this test, so `bool` can stand in for each getter.
     parser = _Parser(expression, kind, dict.fromkeys(FIELD_BY_NAME, bool))
     parser.parse()
     names = frozenset(parser.getter_names)
@@ -169,7 +168,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive-descent parser. Each method `parse_...` consumes one construct and returns its test."""
+    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct."""
 
     def __init__(self, expression: str, kind: RecordKind, getters: Getters) -> None:
         self.expression = expression
@@ -292,8 +291,8 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Consume a comparison sign and a second field of the same type. Return the test; None if other
-        tokens follow.
+        """Consume a comparison sign and a second field of the same type. Return a function that compares both
+        fields of a record. If other tokens come next, consume nothing and return None.
         """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
@@ -312,8 +311,8 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. Without a comparison sign, return `bool`, which tests
-        the value of the field.
+        """Consume a comparison sign and its operand. For a field without a comparison sign, return the
+        built-in `bool`.
         """
         sign = self.peek()
         if sign.is_sign("==", "!="):

@@ -27,7 +27,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. `bcapscope fields` shows the value of each member as the name of the type."""
+    """Type of a field's values. `bcapscope fields` prints the enum values, such as `list of texts`."""
 
     NUMBER = "number"
     """An int or a float."""

@@ -152,8 +152,8 @@ def _parse_port(written: str) -> int | None:
 
 
 def equality(wanted: Sequence[Match], negated: bool) -> Match:
-    """Match a value that equals one of the `wanted` literals. If `negated` is True, match any other value
-    that has the type of at least one literal.
+    """Match a value that equals one of the `wanted` literals. If `negated` is True, match a value that equals
+    no literal. A value whose type fits no literal never matches.
     """
     if not negated:
         return any_of(wanted)
@@ -203,7 +203,7 @@ def order(sign: str, wanted: Number) -> Match:
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Match an HRESULT for which the comparison with `wanted`, signed or unsigned, is true."""
+    """Match an HRESULT if its comparison with `wanted` is true. If `signed`, both numbers are signed."""
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip

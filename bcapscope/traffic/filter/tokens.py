@@ -48,7 +48,7 @@ def _printable(text: str) -> str:
 
 
 def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Message:
-    """Append ``, did you mean 'retries'?`` to `reason` if the candidate ``retries`` resembles `word`."""
+    """If a candidate resembles `word`, add a question to `reason`, such as ``did you mean 'retries'?``."""
     if len(word) > _LONGEST_MISSPELT:
         return reason
     by_folded = {candidate.casefold(): candidate for candidate in candidates}

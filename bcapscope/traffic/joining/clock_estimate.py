@@ -79,8 +79,8 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for clocks whose drift changes: a curve midway between the bounds of each time
-        segment.
+        """Return an estimate for clocks whose drift changes. In each time segment, the estimate is midway
+        between the lowest upper bound and the highest lower bound of the offset.
         """
         most, least = self._most.lowest, self._least.lowest
         middles, error = {}, 0
@@ -124,8 +124,8 @@ class _UpperBound:
 class _OffsetBounds:
     """Upper and lower bounds for the offset between two clocks at several times.
 
-    `straight_line` finds an offset that changes linearly with time and stays within the bounds. Times are
-    relative to the earliest bound. Offsets are relative to the first upper bound.
+    `straight_line` finds an offset that changes linearly with time and stays within the bounds. The private
+    methods use times relative to `_began` and offsets relative to `_offset`.
     """
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:

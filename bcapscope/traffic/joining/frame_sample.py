@@ -12,19 +12,20 @@ SAMPLE_FRAMES = 2048
 """Maximum number of frames in a sample: 8 s at a cycle time of 8 ms and two frames per cycle."""
 
 FEWEST_SHARED = 4
-"""Minimum number of equal frames in two samples of the same conversation."""
+"""Minimum number of frames that two samples of the same conversation have in common."""
 
 _SAME_OFFSET_NS = 500_000_000
 """Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from a frame in
-the first capture to the same bytes in the second capture. Different frames that have the same bytes by
-coincidence, such as polls with a reused serial, exceed this maximum.
+the first capture to the same bytes in the second capture. The limit excludes different frames that happen to
+have the same bytes, such as polls with a reused serial.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures whose times do not overlap. The values are the minimum number of equal
-frames, the minimum share of equal frames, and the maximum median deviation in ns. If captures with equal
-frames do not overlap, either a clock was wrong, or the client executed the same program twice. The second
-execution of a program has another client port, other values or other pauses.
+"""Conditions for joining two captures whose times do not overlap. The first two values are the minimum number
+and the minimum fraction of frames that the two samples have in common. The third value is the maximum spread
+of the frames' offsets in ns: the median deviation from the median offset. If captures with common frames do
+not overlap, either a clock was wrong, or the client executed the same program twice. The second execution of
+a program has another client port, other values or other pauses.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]

@@ -23,8 +23,8 @@ HELD_NS = 1_000_000_000
 """Maximum time in ns for which a new conversation is held while the joiner looks for its other leg."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
-"""Maximum time in ns for which a conversation without any reply is held. The proxy may have dropped the first
-requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN_NS`).
+"""Maximum time in ns for which a conversation without any reply is held. If the proxy dropped the first
+requests, the client retries within this time (`pairing_windows.RETRY_WITHIN_NS`).
 """
 
 MAX_WAITING = 32768
@@ -36,8 +36,8 @@ HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""A conversation counts as direct traffic after this number of answered calls without the same requests in
-another conversation. A proxy forwards each request to the controller before the client gets the reply.
+"""A conversation counts as direct traffic after this number of answered calls if no other conversation has
+the same requests. A proxy forwards each request to the controller before the client gets the reply.
 """
 
 MAX_NEW = 1024
@@ -118,9 +118,9 @@ class Joiner(LegJoiner):
         """Start without conversations.
 
         Args:
-            comments: For each of the latest packet numbers, the comments on the packet.
-            only: Place from which observations are returned without joining; None to join. If a conversation
-                has no second leg, its observations are always returned.
+            comments: Comments on the latest packets, by packet number.
+            only: If `only` is a place, the joiner joins nothing and returns only the observations from this
+                place. The joiner always returns the observations of a conversation without a second leg.
         """
         notes = {} if comments is None else comments
         super().__init__(lambda observation: notes.get(observation.packet, ()))
@@ -141,7 +141,7 @@ class Joiner(LegJoiner):
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
     def expire(self, now: int) -> list[Observation]:
-        # `now` may be behind the times of the packets; only `add` may set the joiner's time back
+        # `now` can be earlier than the latest packet, but `expire` must not set the joiner's time back
         return super().expire(max(self._now, now))
 
     def close(self) -> list[Observation]:
@@ -217,8 +217,8 @@ class Joiner(LegJoiner):
                 new.add_suspect(sender)
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember which conversation sent a request. Return all other conversations that sent the same bytes
-        earlier.
+        """Remember the conversation of a request. Return each other conversation that already contained the
+        same request.
         """
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
@@ -272,7 +272,8 @@ class Joiner(LegJoiner):
         """Return the two legs, the client's leg first; None if there is no second leg.
 
         Args:
-            calls: Minimum number of nested calls that prove a second leg; 0 to use `fewest_calls`.
+            calls: Minimum number of nested calls (see `NestedCalls`) in the two legs; 0 to use
+                `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         waiting = self._waiting_traffic(new.suspects)
@@ -291,7 +292,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the undelivered traffic of each suspected leg that the joiner took for direct traffic.
+        """Return the waiting observations of each suspected leg that the joiner has already released as
+        direct traffic.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.

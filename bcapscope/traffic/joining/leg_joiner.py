@@ -88,13 +88,13 @@ class LegJoiner:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the joiner has neither joined conversations nor waiting observations. An idle joiner would
+        """True if the joiner currently joins no conversations and holds no observations. An idle joiner would
         return each added observation immediately.
         """
         return not (self._mergers or self._queue)
 
     def join(self, client_leg: Conversation, controller_leg: Conversation) -> None:
-        """Join the further observations of two conversations."""
+        """Join the two legs of a conversation, from the next observation on."""
         client_leg.controller_leg = controller_leg
         merger = PlaceMerger(client_leg, self._queue.add, self._notes_of)
         self._mergers[client_leg] = merger, CapturePlace.CLIENT_SIDE
@@ -141,8 +141,8 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to `until`, but only those before the earliest frame that waits for its
-        second sighting.
+        """Return the observations up to the time `until`. If a frame waits for its second sighting, return
+        only the observations before this frame.
         """
         for merger in list(self._busy):
             merger.expire(self._now)

@@ -27,8 +27,8 @@ MAX_COMPARED = 1024
 """Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of remembered frames that counted as lost and may still arrive. For example, a user may
-release a message that the proxy held.
+"""Maximum number of lost frames that the merger remembers. A frame that counted as lost may still arrive, for
+example if you release a held message.
 """
 
 
@@ -213,7 +213,7 @@ class PlaceMerger:
         """Return whether the capture at the other place was running when the frame should have been there."""
         is_relayed = self._twins.is_relayed
         if not is_relayed and self.conversation.transport is Transport.TCP:
-            return False  # TCP sends lost bytes again, so the frame is missing only in the other capture
+            return False  # TCP sends lost bytes again, so the network did not lose the frame
         other, time = self._twins.coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
@@ -257,8 +257,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add the controller's sighting to a request that counted as lost. Return whether a lost request had
-        the same bytes.
+        """Add the controller's late sighting to a request that counted as lost. Return whether `observation`
+        matches a lost request.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:

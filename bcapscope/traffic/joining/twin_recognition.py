@@ -10,13 +10,13 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""This number of nested calls proves that two conversations are the legs of a proxy, even before further
-calls arrive. Two clients that start the same program at the same time send the same bytes. However, eight
-nested calls in a row are very unlikely without a proxy.
+"""The joiner joins two conversations immediately if they have at least this number of nested calls (see
+`NestedCalls`). Two clients that start the same program at the same time send the same bytes. Without a proxy,
+eight successive calls are very unlikely to be nested in another client's calls.
 """
 
 FEWEST_CALLS = 2
-"""Number of nested calls that proves two legs of a proxy after the joiner has waited for further calls."""
+"""The joiner joins two conversations with this number of nested calls after a wait for further calls."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -25,14 +25,15 @@ _REQUEST = Direction.REQUEST
 
 
 class NestedCalls(NamedTuple):
-    """How well the calls of one conversation are nested in the calls of another conversation.
+    """How well the calls of an inner conversation are nested in the calls of an outer conversation.
 
-    Equal bytes identify the same frame in both conversations. A call is nested if its inner request comes
-    after the outer request, and its inner reply comes before the outer reply.
+    With a proxy, the outer conversation is the client's leg, and the inner conversation is the controller's
+    leg. Equal bytes identify the same frame in both conversations. A call is nested if its request appears
+    first in the outer conversation, and its reply appears first in the inner conversation.
 
     Attributes:
         calls: Number of nested calls.
-        lag: Sum of the delays of all requests from the outer to the inner conversation, ns.
+        lag: Sum of the delays of all requests on the way from the outer to the inner conversation, ns.
         is_contradicted: Whether a request appears first in the inner conversation, or a reply appears first
             in the outer conversation. Such calls cannot be nested.
     """
@@ -60,8 +61,8 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls prove that `outer` is the client's leg and `inner` is the controller's
-    leg. Return None if the interface names rule out these legs.
+    """Return how many nested calls suffice to recognise `outer` as the client's leg and `inner` as the
+    controller's leg. Return None if only one of the two interface names begins with the prefix of its leg.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
