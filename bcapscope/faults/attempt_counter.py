@@ -17,7 +17,7 @@ clients make for one call.
 """
 
 
-# Maximum size in bytes of kept request contents. A hash replaces request contents of more than 512 bytes.
+# The counter replaces request contents of more than this many bytes with a hash.
 _LONGEST_KEPT = 512
 
 

@@ -6,9 +6,9 @@
     injector.advance(now)                                # outputs that are due
 
 With the same seed, the same messages at the same times get the same faults. The random numbers of a fault
-depend only on the seed and on the fault's name. A fault draws numbers for each message that it might hit,
-even if other faults drop or change that message. Therefore, if you add a fault, the other faults still hit
-the same messages.
+depend only on the seed and on the fault's name. Each fault decides at random about every message that matches
+its conditions, even about messages that other faults drop. If you add a fault, the other faults therefore
+still make the same random decisions.
 
 Faults are applied in the order of the list. A fault gets each message with the changes that earlier faults
 made. If a fault drops or answers a message, or if the fault's action is `pass`, the message does not reach
@@ -42,9 +42,9 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that faults hold. Each message counts as `_OUTPUT_COST` bytes more than its size.
-The limit corresponds to about one second of traffic at 100 Mbit/s. At the limit, faults drop datagrams that
-they would otherwise hold, as tc-netem(8) does when its queue is full.
+"""Maximum total size in bytes of the messages that faults hold. The total includes `_OUTPUT_COST` additional
+bytes for each message. The limit corresponds to about one second of traffic at 100 Mbit/s. Beyond the limit,
+faults drop datagrams instead of holding them, like tc-netem(8) with a full queue.
 """
 
 _OUTPUT_COST = 300
@@ -63,11 +63,11 @@ class ActiveFault(FaultMatcher):
 
 
 class _QueuedOutput:
-    """An output that waits in the queue until its time to be sent.
+    """An output in the queue of the injector.
 
     Attributes:
-        output: The output to send; None if another entry of the queue now has this output.
-        behind: Number of later messages of the flow that must still overtake this output.
+        output: The output to send; None after the injector has queued the output again for another time.
+        behind: How many later messages of the flow must still overtake the output.
         size: Number of bytes that the output adds to the total for `MAX_WAITING`.
     """
 
@@ -148,8 +148,8 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return whether messages can skip the injector: no fault can hit a message, and the injector holds
-        or blocks nothing.
+        """Return True if the injector forwards every message immediately and unchanged. The proxy need not
+        pass messages to an idle injector.
         """
         return (
             not self._queue
@@ -174,7 +174,7 @@ class FaultInjector:
         Args:
             flow: Conversation and direction. All messages of a direction must have the same `Flow` object.
             data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
-            now: Current time in ns. This time must not be earlier than in the previous call of this method.
+            now: Current time in ns, never earlier than the `now` of the previous call.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
@@ -206,8 +206,8 @@ class FaultInjector:
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold more than `MAX_WAITING` bytes. If so, the proxy should not read from TCP
-        streams.
+        """Whether faults hold more than `MAX_WAITING` bytes. While `is_full` is True, the proxy should not
+        read from TCP streams.
         """
         return self._queued_bytes > MAX_WAITING
 
@@ -338,7 +338,7 @@ class FaultInjector:
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
         """Queue bytes for sending at `due`. Bytes of a stream are sent after all earlier bytes of the stream.
-        Also queue each held message that enough later messages have overtaken.
+        Also queue each reordered message that waited only for these bytes to overtake it.
         """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
@@ -366,8 +366,8 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay, because faults already hold too many bytes. If faults would
-    delay copies of a datagram, but not the datagram, drop only the delayed copies.
+    """Drop a datagram that faults would delay, because faults already hold too many bytes. If the datagram
+    itself has no delay, drop only its delayed copies.
     """
     if faulted.delay or faulted.held_behind:
         faulted.drop()

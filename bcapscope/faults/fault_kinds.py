@@ -373,10 +373,10 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 
 
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
-    """Forward no message. Datagrams are dropped. Bytes of a stream are forwarded when the partition ends.
+    """Drop datagrams, and hold the bytes of streams until the partition ends.
 
-    The receiver gets these bytes late, as if TCP had sent them again. If the partition has no end, the bytes
-    of a stream are dropped too.
+    The receiver gets the bytes of a stream late, as if TCP had sent the bytes again. A partition without an
+    end drops the bytes of streams.
     """
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:

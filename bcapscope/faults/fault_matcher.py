@@ -36,8 +36,8 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether the fault's conditions depend on the request of each reply, or on the attempt number of
-        each frame."""
+        """Whether the matcher needs the request of each reply, or the attempt number of each frame, to check
+        the fault's conditions."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None

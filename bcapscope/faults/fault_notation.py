@@ -35,13 +35,13 @@ After the action, write other fields in any order, for example to select message
 
 If you write a condition, write it last: ``if`` and a filter. `bcapscope fields` explains filters.
 
-In a YAML file, write the name of every field, even of the main values:
+In a YAML file, every value needs the name of its field:
 
     faults:
       - {action: drop, probability: 5%, direction: response, try: 1}
       - {action: delay, time: 3ms, jitter: 1ms, times: 5, if: command == slvMove}
 
-The other actions have these names for their main values:
+In a YAML file, these fields hold the main values of the other actions:
 
     duplicate copies   reorder by       corrupt bits     truncate keep   garbage size
     burst enter leave  bandwidth rate   answer hresult   serial by       executing time
@@ -84,7 +84,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""Maps an action to the fields of the fault that the value after ``=`` sets."""
+"""Maps an action to the fields that its main value sets, such as ``time`` and ``jitter`` for ``delay``."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}

@@ -25,11 +25,12 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 
 
 class ReplyFactory:
-    """Makes replies, and fills their reserved field in the same way as the controller does.
+    """Makes replies with the reserved field that the controller would send.
 
-    In a reply, a controller either repeats the reserved field of the request, or sends 0. The factory learns
-    the controller's choice from a reply to a request whose reserved field is not 0. A factory that does not
-    know the controller's choice yet uses 0, like DENSO's server (orin_bcap C/src/bCAPServer/bcap_server.c).
+    In a reply, some controllers repeat the reserved field of the request, and other controllers send 0. If
+    the reserved field of a request is not 0, the reply shows the controller's behaviour. While the
+    controller's behaviour is unknown, the factory uses 0, like DENSO's server
+    (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of messages that a `Rewriter` keeps for the field `step` of a `RewriteFault`. The rewriter
-keeps the last message of each series of similar messages (see `_series_key`), and drops the oldest message
-first. In a normal session, a rewriter keeps a few dozen messages.
+"""Maximum number of messages that a `Rewriter` keeps. For the field `step` of a `RewriteFault`, the rewriter
+keeps the last message of each series of similar messages (see `_series_key`). Beyond the limit, the rewriter
+drops the oldest message that it keeps. In a normal session, a rewriter keeps a few dozen messages.
 """
 
 MAX_BYTES = 1 << 20
-"""Maximum total size in bytes of the messages that are kept for a `step`, after decompression. The decoded
+"""Maximum total size in bytes of the messages that a `Rewriter` keeps, after decompression. The decoded
 values of a message take up to 100 times as much memory as the bytes of the message.
 """
 
@@ -35,20 +35,20 @@ ValueChange: TypeAlias = Callable[[Variant], Variant]
 """Function that returns the changed value, or the same object if nothing changes."""
 
 NumberChange: TypeAlias = Callable[[float, int], float]
-"""Function that returns the new value of a number. The arguments are the number, and the index of the number
-in its array.
+"""Function that gets a number and its index in an array, and returns the new number. A number outside an
+array has the index 0.
 """
 
 
 class _LastMessage(NamedTuple):
-    """The previous message of a series of similar messages. The field `step` of a `RewriteFault` limits
-    changes from the previous message to the next message.
+    """The last message of a series of similar messages. The field `step` of a `RewriteFault` limits how far
+    numbers in the next message may differ from the last message.
 
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Base value of each step, with the index of the step as the key. The step limits the change
-            from the base value to the value in the next message.
+        step_base: Last forwarded value for each path in the field `step` of the `RewriteFault`. The key is
+            the position of the path in `step`.
         size: Number of bytes of the frame after decompression.
     """
 
@@ -86,7 +86,7 @@ def with_header(
 def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
     try:
         return encode_frame(*numbers, values, frame.framing)
-    # A value does not fit its type, or a frame of version 1 must have 1 in the reserved field.
+    # A value does not fit its type, or the new reserved field is not allowed in a version 1 frame.
     except LocalProtocolError:
         return frame.raw
 
@@ -122,7 +122,7 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """For each step, limit how far a number may differ from the previous message of the series.
+        """Limit how far each number in the field `step` differs from its value in the last similar message.
 
         A retry gets the same values as the first attempt. A retry with other values than the first attempt
         would make the controller execute a new call.

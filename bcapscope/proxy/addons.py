@@ -161,7 +161,7 @@ class AddonRunner(PipelineSubscriber):
         """Handle an order of the proxy, and return the answer of the add-ons.
 
         Raises:
-            KeyError: The order refers to an unknown client.
+            KeyError: `order` has an unknown client number.
         """
         pipeline = self._pipeline
         match order:

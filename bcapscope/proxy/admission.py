@@ -37,8 +37,8 @@ limits the cost of a flood of datagrams from new UDP ports.
 """
 
 REPLACE_BURST = 64
-"""After a time without evictions, the proxy may evict at most this many fresh clients without waiting in
-between.
+"""Maximum number of fresh clients that the proxy may evict without waiting `REPLACE_INTERVAL_NS` between two
+evictions.
 """
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
@@ -113,8 +113,8 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if no client has a
-        reserved slot."""
+        """Disconnect the client that has held a reserved slot longest. Return False if all reserved slots are
+        free."""
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -123,8 +123,8 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of `source`, or of any source if `source` is None. Return False if the proxy must
-        not evict any of these clients.
+        """Evict one client from the network `source`; from any network if `source` is None. Return whether
+        the proxy evicted a client.
         """
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:

@@ -113,7 +113,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # If an edit has no effect after a typing error, the proxy must not forward the unchanged motion.
+        # Keep holding a message that a typing error left unchanged, because the message may be a motion.
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

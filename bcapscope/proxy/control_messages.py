@@ -129,8 +129,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. `error` holds the reason in English. `message` holds the same reason in
-    the format of `message_to_data`. The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request. `error` holds the reason in English. `message` holds the reason in the
+    format of `message_to_data`. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -305,7 +305,7 @@ def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes
     """Return a request or a response as one line of JSON."""
     try:
         return msgspec.json.encode(message) + b"\n"
-    # text from the wire or a file name may have a lone surrogate, which UTF-8 cannot encode
+    # A file name, or a text from the wire, may contain a lone surrogate, which UTF-8 cannot encode.
     except UnicodeEncodeError:
         text = json.dumps(msgspec.to_builtins(message), ensure_ascii=False)
         return text.encode("utf-8", "replace") + b"\n"

@@ -108,8 +108,8 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one line per event. Many control requests must not delay traffic for long or fill
-        the memory.
+        """Answer at most one control request each time the socket is ready. Many control requests must not
+        delay traffic for long or fill the memory.
         """
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):

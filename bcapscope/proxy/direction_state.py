@@ -86,14 +86,13 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """The client of these held requests no longer waits. Choose the requests that the proxy still sends: the
-    stops.
+    """Separate the waiting stops of a leaving client from the client's other waiting requests.
 
     Return the bytes to send, and the frames and other bytes to drop.
 
     A motion is dangerous if it starts after its client has stopped waiting. A stop is never dangerous. If the
-    proxy has already sent the start of a frame, the result begins with the rest of this frame. Without the
-    rest of this frame, the controller would take the stop for a part of the frame.
+    proxy has already sent the start of a frame, the bytes to send begin with the rest of that frame. A
+    controller reads a stop after an incomplete frame as a part of the incomplete frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -140,7 +139,7 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Cancel motions that still wait for the scripts when the proxy forwards a stop.
+    """When the proxy forwards a stop, cancel the motions that still wait for the scripts.
 
     A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
     of all clients of the controller, because a program may send these calls over a separate connection. A

@@ -81,8 +81,8 @@ class HeldMessage:
 
 
 InterceptResult: TypeAlias = tuple[Message, bytes | None]
-"""What the intercept did with a message, as a text for the user, and the bytes to forward now in its place.
-If the bytes are None, the proxy forwards nothing yet.
+"""A note for the user about what the intercept did, and the bytes that the proxy forwards now. If the bytes
+are None, the intercept holds or drops the message.
 """
 
 
@@ -120,7 +120,8 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Set another filter for the messages to hold. Messages that are already held stay held."""
+        """Change the filter that selects which messages to hold; None selects no message. The intercept keeps
+        the messages that it already holds."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -193,7 +194,7 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Store `why` a client no longer waits for the held messages of `flow`."""
+        """Mark each held message of `flow` as abandoned by its client, with `why` as the reason."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 held.abandoned_because = why

@@ -15,8 +15,8 @@ READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
 """Bits for the events of a file descriptor, with the same values as in epoll."""
 
 Handler: TypeAlias = Callable[[int], None]
-"""Function that handles the events of a file descriptor. The argument has a bit such as `READ` for each
-event.
+"""Function that handles the events of a file descriptor. A handler gets the events as the bits of one number,
+such as `READ | WRITE`.
 """
 
 
@@ -99,8 +99,8 @@ class DescriptorWatcher:
         """Call `handler` for every event of a file descriptor.
 
         The system may give a new descriptor the number of a descriptor that was just closed. The current poll
-        may still report events of the closed descriptor. The watcher calls the `handler` of a reused number
-        only after the next poll.
+        may still report events of the closed descriptor. The `handler` of a reused descriptor number
+        therefore gets only the events of later polls.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -125,8 +125,7 @@ class DescriptorWatcher:
             self._poller.modify(self._paused.pop(), READ)
 
     def _adopt_new_handlers(self) -> None:
-        """Activate the handlers that `watch` postponed because their descriptors reuse the numbers of closed
-        descriptors."""
+        """Activate the handlers that `watch` postponed for reused descriptor numbers."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()

@@ -3,8 +3,8 @@
 Observations show the client's side: requests as received by the proxy, and replies as sent to the client. The
 decoder yields an observation for a request that a proxy rule dropped, but not for a dropped reply.
 
-After the proxy first changes, delays or drops a message, the decoder also yields observations of the
-controller's side.
+For each client, observations of the controller's side begin when the proxy changes, delays or drops a
+message.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class _Client:
     """A client and the streams of its conversation.
 
     Attributes:
-        streams: Streams of each direction (True for requests): on the client's side and, if decoded, on the
-            controller's side. The stream on the sender's side comes first.
+        streams: Maps True to the streams of requests, and False to the streams of replies. If a list has two
+            streams, the first stream is on the sender's side.
         decodes_far_side: Whether `streams` also has the streams on the controller's side.
     """
 
@@ -108,8 +108,8 @@ class RecordDecoder:
     """Decodes the records of all clients."""
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Start without clients. The decoder calls `join_legs` for a client before the client's first
-        observation of the controller's side. `join_legs` gets the client's conversation with the proxy, and
+        """Start without clients. Before the decoder yields observations of the controller's side for a
+        client, the decoder calls `join_legs`. `join_legs` gets the client's conversation with the proxy, and
         the proxy's conversation with the controller. If `join_legs` is None, the decoder never decodes the
         controller's side.
         """
@@ -145,9 +145,8 @@ class RecordDecoder:
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield each observation, with a note that says what a proxy rule did to the message; None if no rule
-        changed it. For each record, `packets` has the number of its packet in the recording, or 0 if the
-        record has no packet. Without a recording, `packets` is None.
+        """Yield the observations that the records contain. `packets` holds the packet number of each record
+        in the recording; 0 for a record without a packet. Without a recording, `packets` is None.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):

@@ -32,8 +32,8 @@ POLL_INTERVAL = 0.05
 stop."""
 
 _SWEEP_EVERY = 20
-"""Number of ticks between two sweeps. A sweep looks for silent clients and full buffers, which do not cause
-events.
+"""Number of `POLL_INTERVAL` periods between two calls of `_sweep`. `_sweep` finds silent clients and full
+buffers, which do not cause events.
 """
 
 _LONGEST_NOTE = 4096
@@ -207,7 +207,7 @@ class Relay(DescriptorWatcher):
             self._record_and_perform(session, up, data, received_at, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Write the undecided data of one direction to the ring before any later record of this direction."""
+        """Record the data of one direction that still waits for the scripts."""
         for decision, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[decision]
@@ -315,15 +315,14 @@ class Relay(DescriptorWatcher):
             self.ring.streams.discard(number)
 
     def _tick(self) -> None:
-        """Write pending records and call `idle`. Every `_SWEEP_EVERY` ticks, sweep all sessions."""
         self.ring.flush()
         self._record_removed_clients()
         self._idle()
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Update `now` only after the sweep. After a standstill of the relay, the sweep must not count clients
-        # with unread data as silent.
+        # Update `now` only after `_sweep`. After a long pause of the relay, `_sweep` must not remove clients
+        # whose data the relay has not read yet.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:

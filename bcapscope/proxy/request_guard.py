@@ -51,8 +51,8 @@ class GuardTarget(NamedTuple):
         """Return whether a request may make any controller execute a call that this target describes.
 
         Args:
-            command: Command of the request; None if different controllers may read different commands. Like
-                orin_bcap's C code, this method ignores text after a NUL, and blanks around the command.
+            command: Command of the request; None if the command is unknown. Like orin_bcap's C code, this
+                method ignores text after a NUL, and blanks around the command.
         """
         if self.function_id not in (None, function_id):
             return False
@@ -125,11 +125,11 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers interpret a damaged frame in different ways. Some controllers read the whole value of an
-        argument to find the next argument. orin_bcap's C, C#, Java and Python code does so. Other
-        controllers, and the older C client, use the length that each argument gives for itself. The guard
-        refuses a damaged frame if it would refuse one of the possible interpretations. Bytes inside the value
-        of an argument are data: no controller takes them for a frame.
+        Controllers interpret a damaged frame in different ways. Like orin_bcap's C, C#, Java and Python code,
+        some controllers find the end of an argument by decoding its value. Some controllers, and the older C
+        client, use the length field of an argument instead. The guard refuses a damaged frame if the guard
+        would refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
+        controller takes these bytes for a frame.
         """
         if _only_stops(request):
             return None
@@ -170,7 +170,7 @@ def _only_stops(request: Frame) -> bool:
 
 
 def _is_whole(frame: Frame) -> bool:
-    """Return whether all controllers agree where the frame ends."""
+    """Return whether every controller finds the end of the frame at the same byte."""
     raw = frame.raw
     return SMALLEST_FRAME <= len(raw) == frame.length and raw[-1] == EOT and frame.external_problem is None
 
@@ -178,8 +178,9 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A frame with a zlib header must unpack to a valid frame, and must be too short to be plain. The bytes of a
-    zlib header in a plain frame would announce at least 376 arguments.
+    A plain frame has its number of arguments where a compressed frame has a zlib header. As a number of
+    arguments, every zlib header is at least 376. A compressed frame must be too short to hold the number of
+    arguments that its zlib header means.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -2,8 +2,8 @@
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
 the record is lost and counted. One process writes and one process reads. The processor may store the new
-write position before the record itself. A reader therefore leaves new records in the ring until its next
-poll, so that these records are complete.
+write position before the record itself. A reader therefore reads a new record only at the reader's next poll,
+when the record is complete.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class RingRecordKind(IntEnum):
     """Kind of event that a record describes."""
 
     DATA = 0
-    """A datagram, or bytes of a stream, that the relay received, sent, or both."""
+    """Data that the relay received or sent: a datagram, or bytes of a stream."""
     CLIENT_OPENED = 1
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
     END = 2
@@ -136,8 +136,8 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
 
 
 class _Hole(NamedTuple):
-    """How many received and sent bytes of one direction the ring lost, and when the last of these bytes were
-    received and sent, in ns.
+    """Counts the received and the sent bytes of one direction that are missing in the ring. `received_at` and
+    `sent_at` are the times in ns of the last missing bytes.
     """
 
     received: int = 0
@@ -293,9 +293,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write a client's `HOLE` records if the ring also has room for the next record, which needs `size`
-        bytes. Return whether the ring had room for all these records. A hole is written only with the next
-        record, because one long hole is better than many short holes.
+        """Write the `HOLE` records of a client before a record with contents of `size` bytes. If the ring has
+        no room for all these records, write nothing and return False. One long `HOLE` record is better than
+        many short `HOLE` records.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -402,9 +402,9 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return at most `limit` records. Records that were written after the previous call may be left for
-        the next call. If `until` is not None, stop at the position `until`. The watcher's other reader has
-        already reached `until`.
+        """Return at most `limit` records. A record that may still be incomplete stays in the ring until the
+        next call. If `until` is not None, return only records before `until`, a position that the watcher's
+        other `RingReader` has reached.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -40,21 +40,21 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 _LONGEST_JOINED = 1 << 16
-"""Maximum size in bytes of a piece that is joined from smaller pieces: as much as the relay reads at once.
-Larger pieces would be slow to join, because each join copies all bytes. The ring cannot hold a record that is
-larger than its margin.
+"""Maximum size in bytes of the stream data that the policy joins into one `SendAction`. Larger data would be
+slow to join, because each join copies all bytes. The ring cannot hold a record that is larger than its
+margin.
 """
 
 
 class RulePolicy:
-    """Decides what happens to each message. No method raises an exception unless its docstring says so, and
-    only `close` may block. Times are in ns of a monotonic clock.
+    """Decides what happens to each message. A method raises only the exceptions that its docstring names.
+    Only `close` may block. Times are in ns of a monotonic clock.
 
     Attributes:
         shaper: Applies the faults to messages.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
-        refused_requests: Number of requests that the guard refused, or that were refused because the scripts
-            are off or a stop has overtaken them.
+        refused_requests: Number of requests that the guard or the policy refused. The policy refuses motions
+            while the scripts are off, and motions that a stop has overtaken.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         notify: Function that gets each message for the user.
     """
@@ -147,10 +147,10 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """When a client leaves, return its held messages that the proxy still sends, and discard the others.
+        """Remove the waiting messages of a client that leaves. Return the last actions for the client.
 
-        The proxy still sends held replies and held stops, but drops all other held requests. If a half-open
-        fault blocks the client's conversation, the proxy sends no held message.
+        The proxy sends waiting replies and stops, but drops all other waiting requests. If a half-open fault
+        blocks the client's conversation, the proxy drops all waiting messages.
         """
         work = PolicyDecision(client)
         lost: list[Frame | bytes] = []
@@ -239,7 +239,8 @@ class RulePolicy:
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._clients.values())
 
     def on_rules_changed(self, now: int) -> None:
-        """After a change of faults or intercept, forward incomplete frames that no rule needs any more."""
+        """Call this method after each change of the faults or of the intercept. If no rule needs whole frames
+        any more, forward the incomplete frames."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
         split = [state for pair in self.clients() for state in pair if state.splitter is not None]

@@ -35,10 +35,10 @@ def main(
     """Run scripts until the proxy ends. This is the entry point of the process.
 
     Args:
-        descriptor: File descriptor of the socket to the proxy; None to read a description of the socket from
-            standard input.
-        traces: File descriptor for reports; None if the system has no SIGUSR1. On SIGUSR1, the process writes
-            its current script line to `traces`.
+        descriptor: File descriptor of the socket to the proxy; None on Windows, where the process reads a
+            description of the socket from standard input.
+        traces: File descriptor to which the process writes its current script line on SIGUSR1; None on
+            Windows.
         parent: Process id of the proxy.
         megabytes: Maximum memory that the process may allocate, in megabytes.
     """
@@ -73,8 +73,8 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Make the process end with the proxy, limit its memory, and let it report its current line in the
-    scripts."""
+    """Limit the memory of this process. Prepare the process to report its current script line, and to end
+    when the proxy ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # the proxy had already ended before prctl took effect

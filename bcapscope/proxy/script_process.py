@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 DEFAULT_MEMORY_MB = 512
 """Megabytes that the process of the scripts may allocate by default.
 
-Python needs 20 MB. NumPy needs 200 MB on a machine with 4 processors. On a machine with more processors,
-NumPy needs more memory, because the limit includes the stacks of NumPy's threads.
+Python needs 20 MB. NumPy needs 200 MB on a machine with 4 processors, and more memory with more processors.
+The limit includes the stacks of NumPy's threads.
 """
 
 LOADS_WITHIN = 30.0
@@ -154,7 +154,7 @@ class ScriptProcess:
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
         """Connect the process to the relay and to the rules. The rules get the scripts' decisions.
 
-        `is_interrupted` returns True once the user no longer wants to wait for the end of the process.
+        `is_interrupted` returns True if a signal during the shutdown asks the proxy to end immediately.
         """
         self._rules = rules
         self._relay = relay
@@ -181,8 +181,8 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """Kill the process. If it had ended already, return the reason. Also return the script line that it
-        executed last, if known.
+        """Kill the process. If the process had already ended, return the reason. If the last executed script
+        line is known, also return this line.
         """
         code = self._exit_code()
         self._kill()
@@ -190,8 +190,8 @@ class ScriptProcess:
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order, and pass received bytes to `is_done` until `is_done` returns True. Return
-        whether `is_done` returned True in time.
+        """Send `frame`, which tells the scripts to finish. Pass received bytes to `is_done` until `is_done`
+        returns True. Return whether `is_done` returned True within `FINISHES_WITHIN`.
         """
         self._unwatch()
         self.send(frame)

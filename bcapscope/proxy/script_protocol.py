@@ -45,8 +45,8 @@ class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class ClientConnected(_WireFrame, frozen=True):
-    """A client sent its first message. `ends` has the host and the port of the client, then those of the
-    controller.
+    """A client sent its first message. `ends` holds the client's host and port, then the controller's host
+    and port.
     """
 
     client: int

@@ -59,16 +59,16 @@ and drops the client's datagrams.
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
 
-Above this limit, the scripts do not get messages that need no decision.
+Above this limit, the scripts get only messages that need a decision.
 """
 
 _LATE = 20_000_000
-"""Delay in ns after which the relay's check of the time limit counts as late. A machine that delays the relay
-may also have delayed the scripts."""
+"""The scripts get more time if the relay checks their time limit more than this many ns late. A machine that
+delays the relay may also have delayed the scripts."""
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""Time in ns after which the proxy kills the scripts' process. In this time, the process should report the
-script line that it executes.
+"""Time in ns between switching the scripts off and killing their process. Before the proxy kills the process,
+the process should report its current script line.
 """
 
 _EXPIRE_INTERVAL_NS = 50_000_000
@@ -80,8 +80,8 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet. `message` is the message that the order shows to the
-    scripts. `undecided` is None if this message needs no decision.
+    """An order that the scripts have not answered yet. `message` is the b-CAP message that the scripts get;
+    None for an order without a message. `undecided` is None if the message needs no decision.
     """
 
     hook: str
@@ -153,7 +153,7 @@ class ScriptQueue:
     @property
     def inspects_frames(self) -> bool:
         """Whether streams must be split into frames. Some hooks need frames. While the scripts are off, the
-        proxy needs frames to refuse motions.
+        proxy refuses each frame that requests a motion.
         """
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
@@ -171,8 +171,7 @@ class ScriptQueue:
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
         """Pass a message to the scripts. If `undecided` is not None, the message waits for the scripts'
-        decision. If `undecided` is None, skip the message when no hook needs the message or too much data
-        waits.
+        decision. If too much data waits, the scripts do not get a message without `undecided`.
         """
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
@@ -250,7 +249,7 @@ class ScriptQueue:
             due = self.due()
             if not self.is_on or not self._queue or due is None or now < due:
                 return
-            # If the relay itself was late, the scripts get more time, but at most one time per answer.
+            # If the relay itself was late, extend the time limit, but only once per answer.
             if now - due > _LATE and not self._was_late:
                 self._was_late = True
                 self._relay_delay += now - due + self._limit

@@ -48,7 +48,7 @@ class SessionCloser(PipelineSubscriber):
     closing requests."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
-        """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""
+        """`handles` and `slave_mode` must belong to the pipeline to which this object subscribes."""
         self._handles = handles
         self._slave_mode = slave_mode
         self._last_calls: dict[Conversation, Call] = {}

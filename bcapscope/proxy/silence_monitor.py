@@ -8,7 +8,7 @@ from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation
 
 SILENT_AFTER_NS = 500_000_000
-"""Time in ns without a request after which a client in slave mode counts as silent.
+"""A client in slave mode counts as silent if the client sends no request for this time in ns.
 
 In this time, a client that still works sends about 60 set points (DENSO Wave 2009, How to use the Slave
 mode), or all eight attempts of a call.

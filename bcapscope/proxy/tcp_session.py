@@ -30,19 +30,19 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 """
 
 STUCK_AFTER_NS = 10_000_000_000
-"""Idle time in ns after which a session ends if only the controller has ended its direction. A new client may
-evict a session after this idle time if one direction has ended or is blocked.
+"""If only the controller has ended its stream, the session ends after this idle time in ns. If one direction
+has ended or is blocked, a new client may evict the session after this idle time.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns after which a new client may evict an answered session. In an answered session, the
-controller has sent bytes after the client's FIN.
+"""If the controller has sent bytes or a FIN after the client's FIN, a new client may evict the session after
+this idle time in ns.
 """
 
 MAX_PENDING = 1 << 18
-"""Maximum number of bytes that wait for a slow receiver before a session with rules stops reading.
+"""With rules, a session stops reading from a sender while more than this many bytes wait for the receiver.
 
-A session without rules stops reading from the sender while any bytes wait for the receiver.
+Without rules, a session stops reading from a sender while any bytes wait for the receiver.
 """
 
 _AT_ONCE = 1 << 16
@@ -241,7 +241,7 @@ class TcpSession(RelaySession):
             self._handle(happened, self._down, self._up)
 
     def _handle(self, happened: int, incoming: _HalfConnection, outgoing: _HalfConnection) -> None:
-        """Handle events of one socket, the source of `incoming` and the sink of `outgoing`."""
+        """Handle events of the socket that is the source of `incoming` and the sink of `outgoing`."""
         sock = incoming.source
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
         if problem:
@@ -352,8 +352,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Handle the failure of the connection to a sender. End the session, unless a half-open fault must
-        hide the failure from the receiver.
+        """Close the socket of a sender after an error. If a half-open fault blocks the client, hide the error
+        from the receiver. Without a half-open fault, end the session.
         """
         was_reset = problem in _RESETS
         if was_reset:

@@ -31,8 +31,8 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. The time is long: if a removed client sends
-again, the controller regards this client as a new one. The socket of a silent client costs almost nothing.
+"""The relay removes a client that is silent for this time in ns. The relay waits long, because the controller
+regards a removed client that sends again as a new client. The socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -94,7 +94,8 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Return the session for the first or second datagram of a client; None for a rejected client."""
+        """Find or create the session of a client that is not in `sessions` yet. Return None if the proxy
+        rejects the client."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
