@@ -161,8 +161,8 @@ class TrajectoryMotion:
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield one `TrajectoryMotion` for the axes in `points`. If `limits.to_joints` can compute the joints for
-    a pose, yield a second `TrajectoryMotion` for the joints.
+    """Yield one `TrajectoryMotion` for the axes in `points`. For P or T poses with known `limits.to_joints`,
+    also yield a `TrajectoryMotion` for the joints.
     """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]

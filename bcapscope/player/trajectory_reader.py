@@ -4,8 +4,8 @@ No other module of the player opens files with set points. Files are not trusted
 wrong content of any kind raises `TrajectoryError`.
 
 No public source describes the format in which a WINCAPS III project stores logs. bcapscope therefore reads
-only logs that were exported into the project. If the project has no exported logs, `TrajectoryError` names
-the project's files and says what to export.
+only logs that were exported into the project. If the project has no exported logs, `TrajectoryError` says how
+to export logs in WINCAPS III.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Another client may replace a UDP client that has sent no request for this time in ns. A client that waits
-for a reply is not replaced, because its next attempt comes after 1 s (DENSO Wave 2009, How to use the Slave
+"""Another client may replace a UDP client that has sent no request for this time in ns. `IDLE_CLIENT_NS`
+exceeds the 1 s between two attempts of a client that gets no reply (DENSO Wave 2009, How to use the Slave
 mode).
 """
 

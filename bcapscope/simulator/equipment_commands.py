@@ -139,7 +139,7 @@ def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
     """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
-    already moving. COBOTTA's hand moves only while the robot's motor is on.
+    already moving. For COBOTTA's hand, also refuse the call if the robot's motor is off.
 
     If `waits` is True, the call lasts until the motion ends. A call that waits fails if the 2FG hand was to
     grip an object, and gripped none.

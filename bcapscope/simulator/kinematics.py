@@ -134,7 +134,7 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""Possible lengths of a set point. A set point may have one value more than the pose type has axes."""
+"""Possible numbers of values in a set point. The maximum is the number of axes plus one."""
 
 
 Vector: TypeAlias = tuple[float, float, float]
