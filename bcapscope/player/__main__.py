@@ -74,7 +74,7 @@ def play(
         recorder = FrameRecorder(pipe.send, recording)
         session = PlaySession(plan, channel, pipe, recorder)
         ended = structs.replace(run_blocking(session.run()), realtime=granted.realtime)
-    # After the play, write the files without real-time priority.
+    # The player writes the recording and the controller's log without real-time priority.
     read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
     return write_files(ended, recorder, channel, log if session.has_log else None, read)
 

@@ -54,7 +54,7 @@ class ArmLimits:
         axes: Limits of each known axis; the key is the name of the axis. Limits are in degrees or mm; limits
             of speed are per second, limits of acceleration per second squared. An unknown limit is infinite.
         to_joints: Function that computes the joints for a pose of P or T type, and raises an exception if the
-            pose is out of reach. None if the arm's kinematics are unknown.
+            pose is out of reach. `to_joints` is None if the arm's kinematics are unknown.
     """
 
     arm_name: Message
@@ -161,8 +161,8 @@ class TrajectoryMotion:
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes that the set points have. If bcapscope can compute the joints of these set
-    points, yield the motion of the joints too.
+    """Yield one `TrajectoryMotion` for the axes in `points`. For P or T poses with known `limits.to_joints`,
+    also yield a `TrajectoryMotion` for the joints.
     """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]

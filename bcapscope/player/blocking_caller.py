@@ -191,8 +191,8 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that gets every frame. The first argument is True for a sent frame. The second argument is the
-frame's bytes. The third argument is the time in ns of the channel's clock.
+"""Function that gets every frame. Arguments: True for a sent frame, the frame's bytes, and the monotonic time
+in ns.
 """
 
 
@@ -212,8 +212,8 @@ ABORT_CHECK_INTERVAL = 50_000_000
 """Time in ns between two calls of the function `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""Time in ns by which `BlockingCaller.sleep_until_due` shortens its sleep. In this time, the caller reads a
-reply that arrived during the sleep.
+"""Time in ns by which `BlockingCaller.sleep_until_due` shortens its sleep. After the shortened sleep, the
+caller still has time to read a reply that arrived during the sleep.
 """
 
 
@@ -283,10 +283,10 @@ class BlockingCaller:
     def sleep_until_due(self, until: int) -> None:
         """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
-        If the program used the processor until the reply arrives, the scheduler would let other programs run
-        first. In a test, the player sent a set point every 1 ms without real-time priority, while other
-        programs kept the processor busy (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points
-        were 2 ms late; with this sleep, only 0.3 % were so late.
+        If the player polled for the reply instead of sleeping, the scheduler would favour other programs. In
+        a test, the player sent a set point every 1 ms without real-time priority, while other programs kept
+        the processor busy (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points were 2 ms
+        late; with this sleep, only 0.3 % were so late.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)

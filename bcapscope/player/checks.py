@@ -64,7 +64,7 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """The trajectory, and facts with which the checks compare it. An unknown fact is None.
+    """Input of the pre-flight checks. An unknown input is None.
 
     `period` is the time in seconds between two calls of slvMove. `current_pose` has the same pose type as the
     trajectory.
@@ -111,8 +111,8 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
 def error_at(
     where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
-    """Yield an error if `where` is True for any set point. The placeholder `points` of the message holds the
-    count of such set points.
+    """Yield an error if `where` is True for any set point. The error's placeholder `points` holds the number
+    of set points for which `where` is True.
     """
     points, count = set_point_numbers(where)
     if count:

@@ -17,8 +17,8 @@ _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Maximum number of bins that `Lateness.bins` returns. A progress report with so few bins fits into one write
-to the pipe.
+"""Maximum number of bins that `Lateness.bins` returns. This maximum keeps each progress report short enough
+for one write to the pipe.
 """
 
 
@@ -36,7 +36,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values. Later values are not stored, but counted in bins."""
+        """Allocate memory for `capacity` values. Further values are only counted in bins."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))

@@ -251,8 +251,8 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return for each of the `count` set points whether it violates a limit. Rows of `where` after `count`
-    describe the first set points of the next round.
+    """Return whether each of the `count` set points violates a limit. If `where` has more than `count` rows,
+    the extra rows describe the first set points when the trajectory repeats.
     """
     at = where[:count].copy()
     rest = where[count : 2 * count]

@@ -50,7 +50,7 @@ from bcapscope.protocol.tables.hresult import (
 )
 
 SILENCE_TIMEOUT = 100_000_000
-"""Time in ns, about twelve periods. After this time without a reply, the pacer sends no set point until a
+"""If no reply arrives for this time in ns (about twelve periods), the pacer stops sending set points until a
 reply arrives. Over UDP, the pacer also gives the controller up after `SILENCE_TIMEOUT`. Over TCP, the pacer
 waits for the timeout of a call, because TCP may need more than 100 ms to retransmit.
 """
@@ -333,7 +333,8 @@ class Pacer:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            # The reply does not move the next deadline, so `sent - due` already includes any oversleep.
+            # The next deadline ignores the time of the reply, so the next `sent - due` includes this
+            # oversleep.
             self._overslept = 0
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at
@@ -344,10 +345,10 @@ class Pacer:
 class _Throttle:
     """Limits the rate of set points if the controller sets the pace.
 
-    At first, the pacer may send two set points more than the buffer holds. Afterwards, the pacer sends at
-    most one set point per period on average. A controller that confuses two slave modes may answer at once,
-    although its reply should wait for room in the buffer. Without the limit, these early answers would make
-    the pacer send the whole trajectory in an instant.
+    The pacer may send the first set points without a limit: as many as the buffer has slots, plus two. After
+    these first set points, the pacer sends at most one set point per period on average. A controller that
+    confuses two slave modes may answer at once, although the reply should wait for room in the buffer.
+    Without the limit, these early answers would make the pacer send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

@@ -247,8 +247,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If slave mode is already on, another client controls the robot. Most calls of the player would end the
-        other client's motion with an error (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is already on, another client controls the robot, and the player gives up. Most calls of
+        a second client end the first client's motion with an error (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -395,7 +395,7 @@ class PlaySession:
             raise PlayAbortedError(outcome, self._pipe.reason)
 
     def _stop_limits(self) -> ArmLimits:
-        """Return the arm's limits for a stop, without `to_joints`, which is too slow during a motion."""
+        """Return the arm's limits. The result lacks `to_joints`, which is too slow during a motion."""
         base = limits_for_arm(self._robot.facts.get(TYPE_NAME_FACT, ""))
         return replace(with_limits(base, self._plan.limits), to_joints=None)
 

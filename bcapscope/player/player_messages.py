@@ -1,7 +1,8 @@
 """The messages between the player's process and its parent: JSON, one object per line.
 
 The parent process sends one `PlayPlan`, and later a `PlayerCommand` for each order and each answer. The
-player sends facts about the controller, progress, questions and finally one `PlayEnded`.
+player sends progress reports, questions, and facts about the controller. The player's last message is one
+`PlayEnded`.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class CleanupTask(StrEnum):
     ARM = "arm"
     MOTOR = "motor"
     MOTION = "motion"
-    """The ordinary motion to the first point. The robot completes this motion even if the player ends."""
+    """The motion to the first point. The robot completes this motion even if the player ends."""
     LOG = "log"
     SLAVE_MODE = "slave mode"
 
@@ -293,7 +294,7 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
         reason: Why the player ended; None if the play is complete.
         cycle: Distribution of the time between set points.
         index: How many of the trajectory's set points the player sent.
-        left: Whether the cleanup ran; False if the controller no longer answered.
+        left: Whether the player cleaned up; False if the controller no longer answered.
         logged: Number of records of the controller's log that the player saved.
         retries_expected: Whether retries are normal: True over UDP if the controller's replies set the pace.
     """

@@ -103,7 +103,7 @@ class PlayerPipe:
             return False
         self._unwritten = data
         if not self._flush():
-            # the pipe is full, and took no part of the message, because pipes never split short messages
+            # the full pipe contains no part of the message, because a pipe never splits a short message
             self._unwritten = b""
             return False
         return True
@@ -121,8 +121,9 @@ class PlayerPipe:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
 
     def ask(self, question: PlayerQuestion) -> str:
-        """Ask the user and return the answer. If an order arrives instead of an answer, return the first
-        choice."""
+        """Ask the user and return the answer. If the player gets an `Order` before the user answers, return
+        the question's first choice.
+        """
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:

@@ -42,8 +42,9 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""If a player that should end sends no message for this many seconds, the parent kills the player. A working
-player sends messages more often than every 20 s, even while it waits for a silent controller.
+"""Maximum time in seconds between two messages of a player that must end. After a longer silence, the parent
+kills the player. A working player sends messages more often than every 20 s, even if the controller is
+silent.
 """
 
 _SERIAL_MARGIN = 5000
@@ -58,9 +59,9 @@ _SERIAL_MAX = 0xFFFF
 class PlayerProcess:
     """A running player. `ended` is the player's last message, or None while the player works.
 
-    Call `read_messages` when `fileno` is readable, or `wait_for_messages` to wait. Any thread may call
-    `read_messages` and `wait_for_messages`. If the parent reads too slowly, the player drops only progress
-    reports. The last message is always `PlayEnded`.
+    To wait for messages, call `wait_for_messages`. When `fileno` is readable, call `read_messages`. Any
+    thread may call `read_messages` and `wait_for_messages`. If the parent reads too slowly, the player drops
+    only progress reports. The last message is always `PlayEnded`.
     """
 
     def __init__(self, plan: PlayPlan) -> None:

@@ -64,7 +64,7 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
     `is_wanted` is true. Inside the block, the garbage collector ignores older objects, because examining them
-    costs milliseconds. The garbage collector examines new objects only if `collect_garbage` is true.
+    costs milliseconds. If `collect_garbage` is false, the garbage collector is off inside the block.
     """
     gc.collect()
     gc.freeze()

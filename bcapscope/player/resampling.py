@@ -2,9 +2,9 @@
 and end at rest, or stop the robot at any point.
 
 The path is a `SmoothCurve` through the set points. The path stays the same; only the speed along the path
-changes. The speed grows from 0 and falls to 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second
-derivatives are 0 at both ends. Position, speed and acceleration are therefore continuous, and the path begins
-and ends at rest.
+changes. The speed grows from 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve.
+The first and second derivatives of this polynomial are 0 at u = 0 and u = 1. Position, speed and acceleration
+are therefore continuous, and the path begins and ends at rest.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # factor by which `stop_after` lengthens a stop that exceeds a limit
+_STOP_GROWTH = 1.5  # `stop_after` makes a stop longer by this factor if the set points exceed a limit
 _DEFAULT_STOP = 0.5  # shortest stop, in seconds, if no acceleration limit is known
-_ROUNDING = 1e-9  # rounding can make a computed number of cycles too large by this share of a cycle
+_ROUNDING = 1e-9  # tolerance for rounding errors in a computed number of cycles
 
 
 def resample(
@@ -87,14 +87,14 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its path after set point `row`. Each set point is
-    one row.
+    """Return the set points that follow set point `row` and bring the robot to rest on the trajectory's path.
+    Each set point is one row.
 
     The function tries longer and longer stops, from 0.1 s to 2 s, until a stop keeps within the limits. If
-    the trajectory exceeds a limit near set point `row`, the stop may exceed the limit by the same factor. If
-    an acceleration limit is unknown, the stop takes at least 0.5 s. If the remaining path is too short for a
-    stop, return the remaining points of the trajectory. `period` is in seconds. With `loop`, the first point
-    follows the last point.
+    the trajectory exceeds a limit near set point `row`, the returned set points may exceed a limit by the
+    same factor. If an acceleration limit is unknown, the stop takes at least 0.5 s. If the remaining path is
+    too short for a stop, return the remaining points of the trajectory. `period` is in seconds. With `loop`,
+    the first point follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -147,8 +147,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the distance that the robot covers in the share `part` of a ramp, while it accelerates from
-    rest. Distance 1 is the distance at full speed in the time of one ramp, so a whole ramp covers 0.5.
+    """Return the distance that the robot covers from rest in the first `part` of a ramp (0 to 1). The unit is
+    the distance at full speed in one ramp's duration: a whole ramp covers 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -154,7 +154,7 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor on or off, with at least `retries` retries.
+        """Switch the motor on or off. Allow at least `retries` retries.
 
         If the machine lock is on, a controller refuses to switch the motor on or off. DENSO's slides
         recommend the machine lock for experiments. The method ignores a refusal that the machine lock causes,

@@ -33,8 +33,8 @@ class SetPointSequence:
         """Begin at the first point. The trajectory must have every axis that slvMove needs, and begin and end
         at rest.
 
-        `period` is in seconds. With 0 `rounds`, the sequence has no end. A stop does not exceed `limits`. The
-        sequence repeats the first and the last point `hold_count` times.
+        `period` is in seconds. With 0 `rounds`, the sequence has no end. `limits` are the arm's limits for
+        the set points after `stop`. The sequence repeats the first and the last point `hold_count` times.
         """
         self.index = 0
         self.is_stopping = False

@@ -59,7 +59,7 @@ class SmoothCurve:
     def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
         u, h = part[:, None], width[:, None]
         u3, rest = u**3, 1 - u
-        # Each end adds its position, speed and acceleration to this piece of the curve (Bernstein form).
+        # The curve between two points is the sum of two terms, one for each point (Bernstein form).
         start = rest**3 * (
             self._rows[left] * (1 + 3 * u + 6 * u**2)
             + self._speeds[left] * h * u * (1 + 3 * u)

@@ -18,7 +18,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
 MAX_POINTS = 5_000_000
-"""Maximum number of set points of a trajectory: eleven hours at 8 ms, or 320 MB."""
+"""Maximum number of set points of a trajectory. 5,000,000 set points last 11 h at 8 ms, and need 320 MB."""
 
 
 class TrajectoryError(InputError):
@@ -38,8 +38,8 @@ class TrajectoryError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column or element of a file that holds the numbers of one axis, or the times. A missing name or unit is
-    "".
+    """A column or element of a file, with either the numbers of one axis or the times. A missing name or unit
+    is "".
 
     Attributes:
         axis: Name of the axis, such as `J1`, or `time`.
@@ -173,8 +173,8 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 def timing_from_send_times(times: Array) -> SetPointTiming:
     """Compute the timing from the times, in seconds, at which set points were sent.
 
-    A controller takes one set point per cycle. If the usual interval is close to a cycle time, the function
-    returns this cycle time as the period, without times.
+    A controller takes one set point per cycle. If the usual interval is close to a cycle time, the returned
+    `period` is this cycle time, and `times` is None.
     """
     steps = np.diff(times)
     if not len(steps):
@@ -201,7 +201,7 @@ def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None
     counter's usual increase from one record to the next.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
-    too unevenly, return one run with all records, and None as the increase.
+    too unevenly, return all records as one run, and None instead of the usual increase.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

@@ -169,7 +169,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
     """Return the indices of J1, J2 and so on in `names`, and notes for the user. The joints are ordered by
-    the numbers in their names. If the names have no suitable numbers, the joints stay in the order of the
+    the numbers in their names. If the names contain no usable numbers, the joints stay in the order of the
     message.
     """
     numbers = [_LAST_NUMBER.search(name) for name in names]
@@ -236,7 +236,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
 def _build_document(events: Iterator[yaml.Event]) -> object:
     """Build one document from the parser's events, without recursion."""
     roots: list[object] = []
-    # Each pair is an unfinished list or dictionary and, in a dictionary, the key that still needs a value.
+    # unfinished lists and dictionaries, each with the dictionary key, if any, that still needs a value
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]
     anchors: dict[str, object] = {}
     values = 0

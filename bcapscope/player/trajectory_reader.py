@@ -4,8 +4,8 @@ No other module of the player opens files with set points. Files are not trusted
 wrong content of any kind raises `TrajectoryError`.
 
 No public source describes the format in which a WINCAPS III project stores logs. bcapscope therefore reads
-only logs that were exported into the project. If the project has no exported logs, the error lists the files
-and says what to export.
+only logs that were exported into the project. If the project has no exported logs, `TrajectoryError` says how
+to export logs in WINCAPS III.
 """
 
 from __future__ import annotations
@@ -190,8 +190,8 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function skips tables without titles, because their meaning is unknown. WINCAPS III exports no
-    captures, so the function also skips captures in the folder.
+    The function skips tables without titles, because their meaning is unknown. The function skips captures in
+    the project, because WINCAPS III exports no logs as captures.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []

@@ -188,8 +188,8 @@ def _parse_number(text: str, line: int, column: Column) -> float:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty column. Raise TrajectoryError if a pose needs more columns,
-    or if a column after the empty column has numbers.
+    """Return the columns before the first empty column. Raise TrajectoryError if these columns are too few
+    for the pose type, or if a column after the first empty column has numbers.
     """
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)

@@ -25,9 +25,9 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Another client may replace a UDP client that has sent no request for this time in ns. This time is longer
-than the 1 s after which a client without a reply sends its next attempt (DENSO Wave 2009, How to use the
-Slave mode).
+"""Another client may replace a UDP client that has sent no request for this time in ns. `IDLE_CLIENT_NS`
+exceeds the 1 s between two attempts of a client that gets no reply (DENSO Wave 2009, How to use the Slave
+mode).
 """
 
 _SERVICE_START = CallKind(1, None)
@@ -43,7 +43,6 @@ class ScriptLookup:
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
-        """Index recorded calls by function, command and arguments."""
         self._calls: dict[CallKind, list[ScriptCall]] = {}
         self._positions: dict[tuple[CallKind, tuple[Variant, ...]], list[int]] = {}
         self._next: dict[CallKind, int] = {}

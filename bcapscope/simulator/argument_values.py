@@ -94,7 +94,7 @@ def number_within(variant: Variant, allowed: range, refusal: int) -> int:
 
 
 def text_of(variant: Variant) -> str:
-    """Read a text. EMPTY and NULL give ""; refuse the call for any other value."""
+    """Return the text of a VARIANT; "" for EMPTY and NULL. Refuse the call for a VARIANT of another type."""
     if variant.value is None:
         return ""
     if isinstance(variant.value, str):

@@ -1,8 +1,9 @@
 """The arm over time: ordinary motions, set points, and encoders that lag behind the commanded joints.
 
 Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends
-at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` ago. The lag of real servos
-varies: in the replies in DENSO Wave 2009, How to use the Slave mode, the joints lag by about a degree.
+at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` ago. The lag of real servos varies.
+In the replies that DENSO's guide shows, the joints lag by about a degree (DENSO Wave 2009, How to use the
+Slave mode).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _Step: TypeAlias = tuple[int, Joints]
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion. The encoders reach the goal `ENCODER_LAG_NS` later than the commanded joints."""
+    """One ordinary motion. The encoders reach `goal` later than the commanded joints, by `ENCODER_LAG_NS`."""
 
     start: Joints
     goal: Joints
@@ -69,7 +70,7 @@ class Arm:
 
     @property
     def goal(self) -> Joints:
-        """Joint positions at the end of the running motion; current joint positions without a motion."""
+        """Joints at the end of the current motion, or the current joints if the arm is at rest."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property
@@ -100,7 +101,7 @@ class Arm:
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int) -> None:
-        """Begin an ordinary motion at the commanded joints. The motion takes at least `min_duration` ns."""
+        """Begin an ordinary motion from the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)

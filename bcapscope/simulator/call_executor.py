@@ -116,8 +116,8 @@ class CallExecutor(HostedClient):
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: its value, if there is one. If a function in
-        `_FUNCTIONS_WITH_RESULT` returns no value, the profile chooses EMPTY or no argument for the reply.
+        """Return the arguments of a reply: the value that the function returned. If a function in
+        `_FUNCTIONS_WITH_RESULT` returned no value, the profile chooses between EMPTY and no argument.
         """
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()

@@ -56,8 +56,8 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
     )
 )
 """Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). The simulator assumes that a controller refuses these hand commands
-from the client in slave mode. The hand cannot move while slave mode moves the arm (issue 13 of
+others/bcapslavemove_handmove_COBOTTA.py). Assumption: a controller refuses these hand commands to the client
+that is in slave mode. The hand cannot move while slave mode moves the arm (issue 13 of
 DENSORobot/denso_robot_ros).
 """
 

@@ -97,8 +97,7 @@ class Hand:
 
     Attributes:
         motion_count: Number of motions and stops so far.
-        stopped_by: Result code that the latest stop gave to the call of the stopped motion; 0 before the
-            first stop.
+        stopped_by: Result code of the call whose motion was stopped last; 0 before the first stop.
         ends: Time in ns at which the last motion ended or will end.
     """
 
@@ -124,7 +123,7 @@ class Hand:
         return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
-        """Return the force on the object in N."""
+        """Return the force in N on the gripped object; 0 if the hand grips nothing."""
         return self._force if self.is_gripping(now) else 0.0
 
     @property
@@ -169,8 +168,8 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: Contains `time` from SyncTimeStart to SyncTimeEnd, and `move` from SyncMoveStart to
-            SyncMoveEnd.
+        brackets: Open pairs of commands. SyncTimeStart adds `time` and SyncTimeEnd removes `time`.
+            SyncMoveStart and SyncMoveEnd do the same with `move`.
     """
 
     def __init__(self, object_width: float | None) -> None:

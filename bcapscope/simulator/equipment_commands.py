@@ -4,13 +4,13 @@ Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridge
 DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
 nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
 result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for fingers that
-touch an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand
-needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
+hit an object in a motion without a grip: DENSORobot/denso_robot_ros issue 46. Source for the fact that the
+hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
-The samples send the next command immediately after the reply, and a moving hand would refuse this command. A
-call that moves a hand therefore lasts as long as the motion. No force acts on the simulated robot. The
-simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not change
-motions; the simulator only checks their order.
+A moving hand would refuse the next command, which the clients in orin_bcap_python_samples send immediately
+after the reply. A call that moves a hand therefore lasts as long as the motion. No force acts on the
+simulated robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd
+therefore do not change motions; the simulator only checks their order.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
 
 _EXTERNAL_GRIP = 1
-"""Number of the 2FG hand's mode in which the fingers grip an object from the outside."""
+"""Mode 1 of the 2FG hand, in which the fingers grip an object from the outside."""
 
 _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
@@ -139,10 +139,10 @@ def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
     """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
-    already moving. COBOTTA's hand also needs the motor.
+    already moving. For COBOTTA's hand, also refuse the call if the robot's motor is off.
 
-    If `waits` is True, the call lasts until the motion ends. With `waits`, a grip of the 2FG hand fails if
-    the hand grips nothing.
+    If `waits` is True, the call lasts until the motion ends. A call that waits fails if the 2FG hand was to
+    grip an object, and gripped none.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:

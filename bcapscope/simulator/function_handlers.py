@@ -1,8 +1,8 @@
 """The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
 
 Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_python_samples,
-DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error).
-Fields of an error that only a program on a real controller can fill are 0.
+DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error). On
+a real controller, a program fills some fields of an error; in the simulator, these fields are 0.
 
 The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
 to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider
@@ -98,7 +98,7 @@ def _system_state(context: CallContext) -> Variant:
 
 
 def _put_auto_mode(context: CallContext) -> None:
-    """Run PutAutoMode of RC7. Its parameter is 1 for internal mode and 2 for external mode."""
+    """Run PutAutoMode of RC7. The parameter of PutAutoMode is 1 for internal mode and 2 for external mode."""
     context.machine.auto_mode = number_within(context.parameter, range(1, 3), E_INVALIDARG)
 
 

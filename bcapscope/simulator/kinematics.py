@@ -100,7 +100,7 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
 
 
 def trans(joints: Joints) -> tuple[float, ...]:
-    """Compute a T-type pose from joints: X, Y, Z, second and third column of the rotation, Fig."""
+    """Compute the T-type pose for `joints`: X, Y, Z, the rotation's second and third column, and Fig."""
     _, orientation, approach = _transposed(rotation(joints))
     return (*position(joints)[:3], *orientation, *approach, FIG)
 
@@ -134,7 +134,7 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""How many values a set point of each pose type may contain: at most one more than the type has axes."""
+"""Possible numbers of values in a set point. The maximum is the number of axes plus one."""
 
 
 Vector: TypeAlias = tuple[float, float, float]

@@ -123,7 +123,7 @@ class Alarm:
 class ControlLog:
     """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns.
 
-    A record is the time in ns since the controller's start, the commanded joints, and those of the encoders.
+    A record holds the time in ns since the controller's start, the commanded joints and the measured joints.
     """
 
     def __init__(self, arm: Arm, started_at: int) -> None:
@@ -222,7 +222,9 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call in an emergency stop or error, outside automatic mode, or without the token."""
+        """Refuse a call during an emergency stop or error, outside automatic mode, or if Ethernet lacks the
+        executable token.
+        """
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
@@ -265,7 +267,7 @@ class Machine:
         `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
-        DENSORobot/denso_robot_ros). `is_reported` means that another reply reports `code`; then slvMove does
+        DENSORobot/denso_robot_ros). If `is_reported` is true, another reply reports `code`, and slvMove does
         not return `code`. Later calls of slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
@@ -347,7 +349,7 @@ class Machine:
             self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time in ns of the controller's next change without a call, or None."""
+        """Return the time in ns of the next slave-mode period or hand collision; None if there is none."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

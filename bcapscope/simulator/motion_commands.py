@@ -44,7 +44,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Move. The simulator moves lines and circles as PTP motions, and ignores free curves."""
+    """Run Robot_Move. A line or circle becomes a PTP motion to the end point. A free curve has no effect."""
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))
@@ -166,7 +166,7 @@ def _parse_passing(option: str) -> int:
 
 
 def _before_position(joints: Joints, distance: float) -> Joints:
-    """Return the joints for the point `distance` mm before a position, along its approach vector."""
+    """Return the joints after a motion of `-distance` mm from `joints` along the approach vector."""
     here = position(joints)
     vector = trans(joints)[6:9]
     return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))

@@ -39,7 +39,7 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Target of a motion: eight joints in degrees, and the pass motion: -1 for @P, -2 for @E, n for @n."""
+    """`joints` are eight joints in degrees. `passing` is the pass motion: -1 for @P, -2 for @E, n for @n."""
 
     joints: Joints
     passing: int
@@ -64,8 +64,7 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    # An array of two to four values is no pose: the values are a variable's number, pose type and pass
-    # motion.
+    # Two to four values refer to a variable: the variable's number, the pose type and the pass motion.
     if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)
@@ -116,7 +115,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read the pose type and the pass motion. A first part with an `@` is the pass motion."""
+    """Read the pose type and the pass motion. If `parts[0]` contains `@`, `parts[0]` is the pass motion."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None

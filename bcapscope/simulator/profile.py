@@ -43,9 +43,9 @@ class NoArgument(StrEnum):
     """A reply without a value has no argument, or it has the argument EMPTY. This setting says which replies
     have no argument. This setting applies only to calls that can return a value.
 
-    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
-    DENSO's C# and Java clients throw an exception if a call can return a value and its successful reply has
-    no argument.
+    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode). In
+    DENSO's C# and Java clients, a call that can return a value throws an exception if the successful reply
+    has no argument.
     """
 
     NEVER = "never"

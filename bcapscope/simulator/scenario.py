@@ -85,7 +85,7 @@ class ClientProgram(StrEnum):
     PASSING = "passing"
     """The client acts as in `SLAVE`, but the motion before slave mode has the pass motion @P."""
     GRIPPER = "gripper"
-    """The client acts as in `SLAVE`. A second client sometimes writes an output."""
+    """The client acts as in `SLAVE`. A second client sometimes writes an I/O output."""
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

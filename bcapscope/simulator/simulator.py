@@ -25,8 +25,8 @@ MAX_CLIENTS = 20
 """Maximum number of clients per transport, TCP or UDP."""
 
 STOP_CLIENTS = 4
-"""Number of additional clients per transport that are accepted because their first request is a stop. DENSO's
-C server refuses clients beyond its limit, even if they send a stop.
+"""Maximum number of clients per transport beyond `MAX_CLIENTS`. The first request of each of these clients
+must be a stop. DENSO's C server refuses clients beyond its limit, even if they send a stop.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -97,7 +97,7 @@ class ClientHost:
         self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, HostedClient] = {}
-        # UDP clients that exceed the limit, oldest first; the first request of each client was a stop
+        # UDP clients that were accepted only because their first request was a stop, oldest first
         self._stops: dict[Peer, None] = {}
         self._number = 0
 
@@ -206,8 +206,8 @@ class ClientHost:
         return self._add_client(peer, True, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Forget the UDP client that was silent longest. Return False if no client was silent for
-        `evictable_after`.
+        """Remove the UDP client that was silent longest, if the silence lasted at least `evictable_after`.
+        Return whether a client was removed.
         """
         silent = [(link.client.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])

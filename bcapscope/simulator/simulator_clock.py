@@ -1,13 +1,12 @@
 """The clock of the simulated controller. The clock stops while this process gets no processor.
 
 A real controller never waits for a processor. If this process gets no processor when an event or a request
-comes, the model's time stops until the process runs again. Without the stop, a period of 8 ms could end
+comes, the clock stops until the process runs again. If the clock did not stop, a period of 8 ms could end
 before the simulator sends the reply that triggers the next set point.
 
 The operating system records when a frame arrives, and the model processes each frame with the recorded time.
 A set point that arrived in time therefore counts as in time, however late the simulator reads the set point.
-A client that sets the pace does not wait for replies. In modes where the client sets the pace, the model's
-time therefore never stops.
+The clock never stops in a mode where the client sets the pace, because this client does not wait for replies.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest delay in ns that counts as normal. The delay begins at a due time, or at the arrival of a request.
-A longer delay means that this process got no processor.
+"""Longest delay in ns that counts as normal. The delay begins when an event is due or a request arrives. A
+longer delay means that this process got no processor.
 """
 
 
 class ClockedModel(Protocol):
-    """Interface of a model that gets its time from a `SimulatorClock`, such as a `Simulator`."""
+    """Interface of a model, such as `Simulator`, whose time comes from a `SimulatorClock`."""
 
     @property
     def runs_in_real_time(self) -> bool: ...
@@ -43,14 +42,14 @@ class SimulatorClock:
         monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
-        """The clock follows `monotonic`; arrival times are times of the clock `wall`."""
+        """The model's time advances with `monotonic`. `wall` returns the current time in ns since 1970."""
         self.latest_time = 0
         self.paused_ns = 0
         self._model = model
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        # The last pause: its start and end by the machine's clock, and the model's time during the pause.
+        # last pause: begin and end as times of `monotonic`, and the model's time during the pause
         self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:
@@ -72,8 +71,8 @@ class SimulatorClock:
         """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
         If the simulator reads a request more than `STALL_NS` after the arrival, the model's time goes back to
-        the arrival. While a call runs, a request is most likely a retry, so the model's time does not go
-        back. The simulator reads a request soon after its arrival, so the clock stores only the last pause.
+        the arrival. While a call runs, the model's time does not go back, because most requests during a call
+        are retries. Few requests wait through two pauses, so the clock stores only the last pause.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -100,7 +99,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If sending replies took longer than `STALL_NS`, set the model's time back to the last `update`."""
+        """If the replies took longer than `STALL_NS`, do not count the time since the last `update`."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

@@ -43,7 +43,7 @@ _SPIN_NS = 60_000
 
 _MAX_DATAGRAMS = 1024  # maximum number of datagrams to read in a row
 _READ_SIZE = 256  # maximum number of bytes to read from one connection in a row
-_READ_SIZE_PACED = 16384  # `_READ_SIZE` in modes where each set point has its own arrival time
+_READ_SIZE_PACED = 16384  # maximum number of bytes per read in modes where the client sets the pace
 # If the pattern matches inside a frame, the server delivers the frame in two pieces, which is harmless.
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")
 _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
@@ -115,7 +115,7 @@ class SimulatorServer:
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
-        # connections that exceed the limit, oldest first; the first request of each connection was a stop
+        # connections that were accepted only because their first request was a stop, oldest first
         self._stops: list[_Connection] = []
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
@@ -207,7 +207,7 @@ class SimulatorServer:
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If many connections are readable (`is_crowded`), also read the waiting datagrams."""
+        """Read a socket. If many sockets are readable (`is_crowded`), read datagrams after a TCP segment."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -223,8 +223,8 @@ class SimulatorServer:
         datagram immediately, and queue the remaining datagrams.
         """
         receive, turns = self._receive, self.datagram_queue
-        # A size of 0 asks for no arrival time. After a poll without data, the server uses the time of this
-        # poll.
+        # If `_may_be_more` is False, `_polled_empty_at` is the arrival time, so the system need not report an
+        # arrival time.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
@@ -247,7 +247,7 @@ class SimulatorServer:
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """Return when the bytes that the server has just read arrived, in the model's time."""
+        """Return the arrival time of the received bytes, in the model's time."""
         if not self._may_be_more:
             return self._polled_empty_at
         return self._clock.arrival_time(kernel_timestamp(control, 0))
@@ -301,8 +301,8 @@ class SimulatorServer:
             self._choose_sockets()
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
-        """Make a connection a client of the controller. At the maximum number of clients, close the
-        connection unless its first request is a stop.
+        """Accept the connection of a new client. At the maximum number of clients, close the connection
+        unless its first request is a stop.
         """
         is_stop = first_frame_stops(first)
         has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())

@@ -1,8 +1,8 @@
 """The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). It is assumed that slvMove returns a pose of the mode's type until the client calls slvRecvFormat,
-as in DENSO's guide.
+(formats). Assumption from DENSO's guide: before the client calls slvRecvFormat, slvMove returns a pose of the
+mode's type.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return the lag of each axis's encoder in degrees, which replaces the motor current of the axis."""
+    """Return each axis's simulated motor current: commanded minus measured joint, in degrees."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

@@ -147,7 +147,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
     (ObjectClass.TASK, "@STOP"): lambda context: context.machine.stop_task(_owner(context).name, context.now),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Handlers of the variables that run a command or function when a client writes them, such as Motor."""
+"""Handlers for writes to variables. For example, a write to `@SERVO_ON` runs the command Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
 """Variables that slave mode refuses to write, because it refuses the equivalent command or function."""

@@ -1,8 +1,8 @@
 """The numbered variables and the I/O of the simulated controller.
 
-Sources for the VARIANT type that belongs to each letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples
-and DENSORobot/denso_robot_ros2. On a real controller, the number of variables of each letter is a setting;
-the simulator has one number for all letters.
+Sources for the VARIANT type of each kind of variable (I, F, D, V, P, J, T, S):
+ShoheiKobata/orin_bcap_python_samples SimpleSamples and DENSORobot/denso_robot_ros2. On a real controller, the
+number of variables of each letter is a setting; the simulator has one number for all letters.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class VariableMemory:
         else:
             number = _number(value, letter)
             value = Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
-        check_index(letter, index, is_write=True)  # for tools and work, check the index after the value
+        check_index(letter, index, is_write=True)  # for tool and work coordinates, the value is checked first
         self._values[letter, index] = value
 
     def _zero(self, letter: str) -> Variant:
