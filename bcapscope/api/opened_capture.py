@@ -239,7 +239,7 @@ class _Problems:
 
 def _check_filter(expression: str) -> None:
     """Raise an error if an expression is invalid both as a filter for frames and as a filter for calls. Of
-    the two errors, raise the error that is further right in the expression.
+    the `FilterError` for frames and the `FilterError` for calls, raise the error with the larger `position`.
     """
     errors = []
     for kind in RecordKind:
@@ -256,7 +256,7 @@ def _call_test(wanted: Filter | None, source: CaptureInput) -> Callable[[Call], 
 
 
 def choose(word: str, choices: Mapping[str, T]) -> T:
-    """Return the value of a word in `choices`.
+    """Return `choices[word]`.
 
     Raises:
         InputError: The word is not one of the choices.

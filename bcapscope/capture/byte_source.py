@@ -54,12 +54,14 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The gzip reader of Python's standard library is not used, because that reader waits until its buffer is
-    full. From a damaged file, Python's gzip reader also loses decompressed bytes that precede the damage.
+    bcapscope does not use Python's gzip reader, because Python's gzip reader waits until its buffer is full.
+    If a file is damaged, Python's gzip reader loses decompressed bytes that precede the damage.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
-        """Decompress `head`, which was already read from the stream, and then the bytes from `read`."""
+        """Decompress `head`, then the bytes that `read` returns. `head` holds bytes that the caller has
+        already read from the stream.
+        """
         self._read = read
         self._bytes_returned = 0
         self._tail = head

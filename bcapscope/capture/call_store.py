@@ -45,7 +45,7 @@ _STATE_FIELDS = (
     "is_at_controller",
     "was_overtaken",
 )
-"""Names of the call attributes whose values `_Record.state` holds without conversion."""
+"""Names of attributes of `Call`. `_Record.state` stores the values of these attributes without conversion."""
 
 _state_of = attrgetter(*_STATE_FIELDS)
 
@@ -60,8 +60,8 @@ class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
     For a stray reply, `number` is 0 and `request` is the number of the reply's frame. If the stray reply is a
-    late reply, `reply` is the number of its call; otherwise, `reply` is 0. `evicted` holds
-    `may_answer_evicted`.
+    late reply, `reply` is the number of its call; otherwise, `reply` is 0. For a stray reply, `evicted` holds
+    `StrayReply.may_answer_evicted`.
     """
 
     number: int

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 class CaptureCounts:
     """Numbers of packets and observations of a capture, as read so far.
 
-    A packet that yields no observation is counted in `packets`, perhaps in `cut`, and in at most one other
-    field.
+    Apart from `packets` and `cut`, at most one field counts a packet that yields no observation.
 
     Attributes:
         packets: Number of packets read.

@@ -52,13 +52,13 @@ class CaptureSequence:
     """Several captures that are read as one.
 
     Files are read in the order of their first packets. If files overlap in time, their packets are merged by
-    time. The time of a stream's first packet is not known in advance, because a stream can be read only once.
-    A stream is therefore read at the position of its path in the list of paths.
+    time. A stream can be read only once, so the time of its first packet is not known in advance. The stream
+    therefore keeps its position in the list of paths.
 
     Attributes:
         paths: Paths of the captures. `__iter__` puts `paths` in the order of reading.
-        size: Size of all files in bytes. If a capture is a stream, or before `__iter__` is called, `size` is
-            None.
+        size: Size of all files in bytes. Before `__iter__` is called, `size` is None. If one of the captures
+            is a stream, `size` stays None.
     """
 
     def __init__(
@@ -207,9 +207,8 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
 
 
 class RunTable:
-    """Maps a number to a source, such as a capture, and to a number in this source. For example, packet 1200
-    of all captures may be packet 200 of the second capture. One entry of the table covers a range of
-    consecutive numbers.
+    """Converts a number to a pair `(source, number)`. For example, packet 1200 of all captures may be packet
+    200 of the second capture. One entry of the table covers a range of consecutive numbers.
     """
 
     def __init__(self) -> None:
@@ -218,10 +217,10 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Add an entry that maps `start` to `number` in `source`, `start` + 1 to `number` + 1, and so on.
+        """Add an entry. For numbers from `start`, `find(start + n)` then returns `(source, number + n)`.
 
-        If the latest entry has the same `start`, the new entry replaces the latest entry. If the latest entry
-        already maps `start` to `number` in `source`, the table does not change.
+        If the latest entry has the same `start`, the new entry replaces the latest entry. If `find(start)`
+        already returns `(source, number)`, the table does not change.
         """
         if len(self._starts) > MAX_RUNS:
             return
@@ -237,8 +236,8 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source to which `number` is mapped, and the number in this source; None if `number` is
-        not mapped.
+        """Return the pair `(source, number)` to which the table converts `number`; None if no entry covers
+        `number`.
         """
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
@@ -254,8 +253,8 @@ class FrameOrigins:
         self._origin_of_packet = origin_of_packet
 
     def add(self, frame: int, packet: int) -> None:
-        """Remember the packet of a frame. A frame for which `add` is not called is in the packet after the
-        previous frame's packet.
+        """Remember the packet of a frame. You need not call `add` for a frame whose packet directly follows
+        the previous frame's packet.
         """
         self._packets_of_frames.add(frame, 0, packet)
 

@@ -21,8 +21,8 @@ ten bytes.
 """
 
 LONGEST_ROW = 512
-"""Only a line with at most this many columns may show its bytes as characters at the right end. A dump with
-64 bytes per row has 240 columns.
+"""If a line has more than this many columns, bcapscope does not look for the dump's character column. A dump
+with 64 bytes per row has 240 columns.
 """
 
 
@@ -99,7 +99,7 @@ _KINDS = (
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
 """Kinds of tokens that may follow the first token of a `_Run`; the key is the kind of the first token. The
-last token of a `_Run` that begins with a group or row can be shorter than the first token.
+last token in a row of a dump can be shorter than the others, such as a pair after groups.
 """
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")

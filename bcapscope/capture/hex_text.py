@@ -189,8 +189,8 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes on a line that also contains words. A few bytes may be the end of a frame, or
-        belong to the bytes of the next line.
+        """Handle a few bytes on a line that also contains words. Bytes before the words may complete the
+        frame above. Bytes after the words may precede the bytes on the next line.
         """
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
@@ -233,8 +233,8 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the offset of the last frame in a block; 0 if more than `LARGEST_LIKELY` bytes follow that
-    offset.
+    """Return the byte offset of the last frame in a block; 0 if the block does not begin with a frame. Also
+    return 0 if more than `LARGEST_LIKELY` bytes follow the start of the last frame.
     """
     start = (
         _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
@@ -286,8 +286,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
     """Return whether `block` continues an incomplete frame at the end of `before`.
 
-    A single byte continues only a frame that lacks exactly one byte. A single byte after any other frame may
-    be a page number.
+    Because a single byte may be a page number, a single byte counts only if the frame lacks exactly one byte.
     """
     data = block.data
     lacking = _missing_bytes(before.data)

@@ -26,8 +26,8 @@ CONVERSATIONS_LIMIT = 10_000
 addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments are kept. This number is enough, because comments are read soon
-after their packet.
+"""Maximum number of packets whose comments are kept. Older comments are not needed, because bcapscope reads
+the comments of a packet soon after the packet.
 """
 
 COMMENTS_BYTES = 4 * 1024 * 1024
@@ -54,8 +54,8 @@ class PacketDecoder:
         counts: Numbers of packets and observations so far.
         comments: Comments of the latest `COMMENTS_LIMIT` packets that have comments; the key is the packet
             number.
-        note_packet: Function that receives a frame number and the number of the frame's packet. A frame for
-            which `note_packet` is not called is in the packet after the previous frame's packet.
+        note_packet: Function that receives a frame number and the number of the frame's packet. The decoder
+            need not call `note_packet` for a frame whose packet directly follows the previous frame's packet.
         end_time: Latest capture time of all packets so far, of any protocol, ns since 1970; 0 before the
             first packet.
     """
@@ -101,7 +101,7 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # the fast path does not call `note`: each packet there holds one frame
+        note = self.note_packet  # on the fast path, frame and packet numbers rise together without `note`
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:

@@ -135,7 +135,8 @@ class _Section:
         return size if size <= there else 0
 
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
-        """Parse the block at `position`; return its packet, or None for any other block.
+        """Parse the block at `position`. Return the packet in the block; None if the block contains no
+        packet.
 
         `time` is the time of the previous packet, ns since 1970.
         """

@@ -62,8 +62,8 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the finished blocks of `count` packets. Pass only blocks from a function that this writer's
-        `pair_encoder` returned.
+        """Write the blocks of `count` packets. A `PacketPairEncoder` of this writer must have made the
+        blocks.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
@@ -77,8 +77,9 @@ class PcapngWriter:
         """Return a function that makes the blocks of two packets in one step. Making each packet's block
         separately takes twice as long.
 
-        `first` and `second` each hold the interface of a packet and the constant bytes at the packet's start.
-        The returned function receives the `size` bytes that end both packets.
+        `first` and `second` describe the two packets: each packet's interface, and the headers with which the
+        packet begins. Both packets end with the same data: the `size` bytes that the returned function
+        receives.
 
         Raises:
             OSError: The description of a new interface cannot be written, such as on a full disk.

@@ -163,8 +163,9 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return one dictionary for each of the two places, with the `CaptureSide` of each shared conversation.
-    The key of a `CaptureSide` is the conversation's client, controller and transport at this place.
+    """Return one dictionary for the client's side and one for the controller's side. Each dictionary has the
+    `CaptureSide` of every conversation in `PlacePlan.shared`. The key is the `ConversationEnds` captured on
+    the same side.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

@@ -75,10 +75,11 @@ class PlacePlan:
 
 
 def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]:
-    """Return the pairs of files that hold the same conversation. A file is in one pair at most.
+    """Return a plan for each pair of files that hold the same conversation. Each file belongs to at most one
+    plan.
 
-    A file that cannot be read is in no pair; the error is reported when the file is read again. A pipe is in
-    no pair, because a pipe can be read only once.
+    A file that cannot be read belongs to no plan; the error is reported when the file is read again. A pipe
+    belongs to no plan, because a pipe cannot be read again after planning.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}
@@ -141,8 +142,8 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the conversations that two files share, if one file begins later than the other. The beginning
-    of the later file is compared with packets from the middle of the earlier file.
+    """Return the conversations that two files share. Compare the beginning of the file that begins later with
+    packets from the middle of the other file.
     """
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
@@ -189,9 +190,8 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation of one file with at most one conversation of the other file. Two
-        conversations with the same addresses and ports come first. Among other pairs, the pair with the
-        largest number of equal frames comes first.
+        """Pair each conversation of one file with at most one conversation of the other file. Prefer two
+        conversations with the same addresses and ports, then two conversations with many equal frames.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):

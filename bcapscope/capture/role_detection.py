@@ -75,8 +75,9 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEviden
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Return whether a frame must be a request: its arguments fit its function, and rule out a reply with
-    S_FALSE."""
+    """Return whether the arguments of a frame fit the function with its code. A frame with code 1 and no
+    argument does not count as Service_Start, because the frame may be a reply with S_FALSE.
+    """
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
@@ -142,8 +143,8 @@ class TimedItem(NamedTuple):
 
 
 class UndecidedConversation:
-    """Holds the items that two ends send each other over one transport, until it is known which end is the
-    server.
+    """A conversation whose server may still be unknown. While the server is unknown, this object holds each
+    `TimedItem` of the conversation.
 
     Attributes:
         flows: Flow of each sender, by index 0 or 1; None until the server is known.
@@ -162,7 +163,7 @@ class UndecidedConversation:
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        # End time of each stream; the key is the stream's sender, and True if a RST ended the stream.
+        # End times of the streams. The key holds the stream's sender, and whether a RST ended the stream.
         self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 

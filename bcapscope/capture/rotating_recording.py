@@ -40,10 +40,10 @@ class RotationLimits:
 
     Attributes:
         files: Maximum number of files in the ring.
-        size: Maximum size of a file in bytes; 0 for no limit. Once a file has this size, the next packet
-            begins a new file.
-        seconds: Maximum duration of a file in s, counted from its first packet; 0 for no limit. A packet
-            after this time begins a new file.
+        size: Maximum size of a file in bytes; 0 for no limit. If a file has reached this size, the next
+            packet begins a new file.
+        seconds: Maximum duration of a file in s, counted from its first packet; 0 for no limit. After this
+            duration, the next packet begins a new file.
     """
 
     files: int
@@ -119,7 +119,7 @@ class RotatingRecording:
         self._write_file_header()
 
     def write(self, data: bytes | bytearray | memoryview, /) -> int:
-        """Add whole pcapng blocks. The next `flush` writes them to the file.
+        """Add whole pcapng blocks. The next `flush` writes the blocks to the file.
 
         After `close`, added blocks are dropped.
         """
@@ -267,8 +267,8 @@ class RotatingRecording:
 def is_named_pipe(path: Path) -> bool:
     """Return whether `path` is a named pipe that exists.
 
-    On Windows, only the text of `path` is checked. Asking Windows would open the pipe, but Wireshark's pipe
-    can be opened only once.
+    On Windows, this function checks only the text of `path`. A call of `stat` would open the pipe, but
+    Wireshark's pipe can be opened only once.
     """
     if sys.platform == "win32":
         return str(path).startswith("\\\\.\\pipe\\")

@@ -19,13 +19,14 @@ from enum import IntEnum
 from typing import Any, BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
-"""Head of a record, little-endian: kind, number, and size of the data in bytes. The number of a `PACKET`
-record is the time in ns since 1970-01-01 UTC. The number of a `READY` record is the link type.
+"""Head of a record, little-endian: kind, number, and size of the data in bytes. In a `PACKET` record, the
+field "number" holds the time in ns since 1970-01-01 UTC. In a `READY` record, the field "number" holds the
+link type.
 """
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that one read waits for a packet. After each read, bcapscope handles interrupts, and the
-sniffer process notices if bcapscope has ended.
+"""Maximum time in s that one read waits for a packet. After each read, bcapscope handles Ctrl-C. After a read
+without a packet, the sniffer process writes an `ALIVE` record; this write fails if bcapscope has ended.
 """
 
 

@@ -28,9 +28,7 @@ _UNNAMED_INTERFACE = Interface(RAW_IP)
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MAX_SEGMENT_BYTES = 60_000
-"""Maximum number of bytes in a recorded TCP segment. If a socket sends or receives more at once, bcapscope
-writes several packets.
-"""
+"""Maximum number of bytes in a recorded TCP segment. bcapscope splits longer data into several packets."""
 
 _SEQUENCE_NS = 4000
 """Time in ns in which the initial sequence number of new TCP connections increases by one. If a client uses
@@ -89,7 +87,8 @@ class SocketRecording:
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
         """Return a function that encodes a datagram of `size` bytes as two packets, one for each of two hops.
 
-        `write_blocks` takes the encoded packets. Do not use the function after `continue_in` was called.
+        `write_blocks` writes the encoded packets. Do not use the returned function after a call of
+        `continue_in`.
         """
         first, second = (
             (where, _datagram_header(source, target, size)) for source, target, where in (incoming, outgoing)
@@ -97,8 +96,8 @@ class SocketRecording:
         return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write the two packets of each of `pairs` datagrams. `blocks` come from functions that
-        `datagram_pair_encoder` returned.
+        """Write `pairs` datagrams, each as two packets. A function from `datagram_pair_encoder` must have
+        made `blocks`.
         """
         self._writer.write_blocks(blocks, 2 * pairs)
 
@@ -117,7 +116,7 @@ class SocketRecording:
             self._write_tcp(source, target, _PUSH | _ACK, time, interface, comment, piece)
 
     def skip_bytes(self, source: Address, target: Address, size: int) -> None:
-        """Leave out `size` bytes of a TCP connection. Programs that read the capture see a gap."""
+        """Leave a gap of `size` bytes in a TCP stream of the capture."""
         self._sequence[source, target] = self._sequence.get((source, target), 1) + size & 0xFFFFFFFF
 
     def write_handshake(

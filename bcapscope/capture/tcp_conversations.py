@@ -52,8 +52,8 @@ class TcpConversations:
     ) -> None:
         """Create an object that follows no connection yet.
 
-        An end whose port is in `ports` is a server. The object adds contradictions, and segments that are not
-        b-CAP, to `counts`.
+        An end whose port is in `ports` is a server. The object updates `contradictions` and `not_bcap` in
+        `counts`.
         """
         self._ports = ports
         self._counts = counts

@@ -225,7 +225,6 @@ class TcpStream:
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
-        """Keep the last bytes of a delivered part for comparison with retransmissions."""
         surplus = len(part.data) - _LONGEST_RECENT
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])
@@ -235,8 +234,8 @@ class TcpStream:
         """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
         unchanged.
 
-        The times of a long frame need only the frame's first and last arrival marks. The other arrival marks
-        are kept in case the length field is wrong and the bytes contain several frames.
+        The first and the last `_ArrivalMark` give the times of a long frame. The other marks matter only if
+        the length field is wrong, so that the bytes contain several frames.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]

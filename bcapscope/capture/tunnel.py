@@ -34,8 +34,8 @@ _UDP_HEADER_SIZE, _VXLAN_SIZE = 8, 8
 
 
 def packet_in_tunnel(packet: IPPacket) -> IPPacket | None:
-    """Return the IP packet inside a whole IP packet; None if the outer packet is not a tunnel, or carries no
-    IP packet.
+    """Return the inner IP packet of `packet`; None if `packet` contains no other IP packet. `packet` must not
+    be a fragment.
     """
     payload = packet.payload
     if packet.protocol == _UDP:

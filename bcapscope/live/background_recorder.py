@@ -167,8 +167,8 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return a comment for the next packet that says how many packets are
-        missing; "" if none is missing.
+        """Resume after missing packets. Return a comment with the number of missing packets; "" if none is
+        missing.
         """
         if not self._skipped:
             return ""
@@ -178,7 +178,7 @@ class BackgroundRecorder:
             if size:
                 self._queue_step(0, methodcaller("skip_bytes", *direction, size))
                 self._gap_bytes[direction] = 0
-        return f"{counted(missing, 'packet')} before this packet could not be written in time"
+        return f"missing before this packet: {counted(missing, 'packet')}, not written in time"
 
     def _queue_step(self, size: int, step: _WriteStep) -> None:
         self._steps.append((size + _STEP_OVERHEAD, step))

@@ -5,10 +5,11 @@ A virtual machine's processor needs tens of microseconds to wake from any sleep,
 round trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's
 machine.
 
-Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). The limit
-applies to all processors of the machine. The limit costs electricity or, in a virtual machine, processor time
-of the host. The proxy therefore sets the limit only while there is much traffic, and removes it if the host
-gives the virtual machine less processor time.
+A program can ask Linux for a wake-up limit: a maximum time that processors may need to wake
+(power/pm_qos_interface). The wake-up limit applies to all processors of the machine. With a wake-up limit,
+idle processors use more electricity or, in a virtual machine, more of the host's processor time. The proxy
+therefore sets the wake-up limit only while there is much traffic. If the host takes too much processor time
+from the virtual machine, the proxy removes the wake-up limit.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ second, summed over all processors.
 """
 
 PAUSED_FOR = 60.0
-"""If the host took too much processor time, or Linux refused the limit, the proxy waits this many seconds.
-After the wait, the proxy again tries to limit the wake-up time of the processors.
+"""Seconds until the proxy again tries to set the wake-up limit. The proxy waits if Linux refused the wake-up
+limit, or if the host took too much processor time.
 """
 
 _MEASURED_EVERY = 1.0
@@ -73,12 +74,11 @@ _STEAL_COLUMN = 8
 
 
 class CpuWakefulness:
-    """Keeps the processors out of deep sleep while there is much traffic: limits the time that they need to
-    wake.
+    """Keeps the processors out of deep sleep with a wake-up limit, while there is much traffic.
 
-    The limit needs root rights, unless a udev rule grants access. In a KVM guest with the haltpoll driver,
-    idle processors then do not sleep at all. Linux drops the limit when the process closes the device file or
-    ends.
+    bcapscope can set the wake-up limit if it has root rights, or if a udev rule grants access. In a KVM guest
+    with the haltpoll driver, the wake-up limit keeps idle processors fully awake. Linux drops the wake-up
+    limit when the process closes the device file or ends.
     """
 
     def __init__(self) -> None:
@@ -114,7 +114,7 @@ class CpuWakefulness:
     def _forbid_deep_sleep(self, now: float) -> None:
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         if self._has_haltpoll and math.isnan(self._stolen_before):
-            # Do not set the limit if the proxy cannot measure the processor time that the host takes.
+            # Without a measurement, the proxy would not notice that the host takes too much processor time.
             self._not_before = now + PAUSED_FOR
             return
         try:
@@ -132,16 +132,16 @@ class CpuWakefulness:
                 os.close(device)
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host took more processor time than `MAX_STOLEN_SHARE` allows. The measurement
-        starts at the previous check.
+        """Return whether the host took more than `MAX_STOLEN_SHARE` of processor time from the virtual
+        machine. The measurement starts at the previous check.
         """
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         return self._stolen_before - before > MAX_STOLEN_SHARE * since
 
     def _stolen_seconds(self) -> float:
-        """Return the processor time in seconds that the host has taken so far; NaN if it is not known, or if
-        the haltpoll driver is not used.
+        """Return the processor time in seconds that the host has taken from this virtual machine so far.
+        Return NaN if Linux does not use the haltpoll driver, or does not report the time.
         """
         if sys.platform == "linux" and self._has_haltpoll:
             with suppress(OSError, IndexError, ValueError), _STATISTICS.open("rb") as file:
@@ -158,7 +158,7 @@ def datagrams_passed(counts: Sequence[int]) -> int:
 
 
 def low_latency_problem() -> Message | None:
-    """Return why this process cannot keep processors out of deep sleep; None if the process can do so."""
+    """Return why this process cannot set the wake-up limit; None if the process can set the wake-up limit."""
     if sys.platform != "linux":
         return Message("low-latency.not-linux")
     try:

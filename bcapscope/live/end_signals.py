@@ -71,8 +71,7 @@ def end_signal_socket() -> Iterator[socket.socket]:
     """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket. Each signal arrives as a byte with
     the signal's number.
 
-    Without the socket, a signal could end the program at any point, even between two steps that belong
-    together.
+    A signal that arrives through the socket cannot end the program between two steps that belong together.
 
     Raises:
         FileWriteError: The process has no file descriptors left.

@@ -62,7 +62,9 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Which traffic the proxy displays, and how. `shown` selects frames or calls; None shows no traffic."""
+    """Which traffic the proxy displays, and how. `shown` selects frames or calls. If `shown` is None, the
+    proxy displays no traffic.
+    """
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -105,7 +107,7 @@ class WatcherSubscriber(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """Options of a proxy's watcher, which calls `open_subscriber`. That function can raise an OSError."""
+    """Options of a proxy's watcher. The watcher calls `open_subscriber`, which can raise an OSError."""
 
     record: Path | None
     ring: RotationLimits | None

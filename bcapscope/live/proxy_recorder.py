@@ -74,8 +74,8 @@ class ProxyRecorder:
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order.
 
-        A packet stays in memory while packets with earlier times may still arrive. A later call of
-        `add_records` or `flush` writes the packets in memory.
+        A packet waits in memory while packets with earlier times may still arrive. A later call of
+        `add_records` or `flush` writes the waiting packets.
         """
         if not self._recorder.is_complete:
             return
@@ -138,8 +138,8 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """For each of the next `count` records, return the number of its last packet on the client's leg; 0
-        if there is none.
+        """Return one packet number for each of the next `count` records: the number of the record's last
+        packet on the client's leg. If a record has no packet on the client's leg, the number is 0.
 
         The numbers are valid only for a recording in one file.
         """

@@ -199,8 +199,8 @@ class ProxySupervisor:
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # `realtime_priority` locks the stacks of all existing threads in memory. `idle_priority_switch`
-            # starts a thread, so call `realtime_priority` first.
+            # `realtime_priority` locks the stack of every existing thread into memory. `idle_priority_switch`
+            # starts a thread, so `idle_priority_switch` runs only after `realtime_priority`.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -260,7 +260,7 @@ class ProxySupervisor:
 
     def _check_recording(self, code: int | None) -> None:
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        # The watcher reports an incomplete recording itself, unless the watcher ended too early.
+        # Before the watcher exits with `INCOMPLETE`, the watcher reports the incomplete recording.
         if self.is_recording_incomplete and code != INCOMPLETE:
             name = printable(str(self._options.record))
             print_stderr(self._words("recording.incomplete", name=name))
@@ -279,14 +279,14 @@ class ProxySupervisor:
             self._memory.unlink()
 
     def _wait_for(self, is_ready: Callable[[float], bool]) -> None:
-        """Repeat `is_ready(seconds)` until the result is True; each call waits at most `seconds`. Raise
-        `KeyboardInterrupt` if a signal arrives before the result is True.
+        """Repeat `is_ready(seconds)` until `is_ready` returns True; each call waits at most `seconds`. Raise
+        `KeyboardInterrupt` if a signal arrives before `is_ready` returns True.
         """
         while not is_ready(_POLL_INTERVAL):
             self._raise_if_ended()
 
     def _raise_if_ended(self) -> None:
-        if self._read_signals(1):  # read only one signal, because `must_end_now` reads the second
+        if self._read_signals(1):  # a second signal stays in the socket for `must_end_now`
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
@@ -339,8 +339,8 @@ class ProxySupervisor:
         """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
         sessions. A closed pipe means that the watcher has ended.
 
-        This method never waits for a message. An earlier call may have read the message already, and the
-        watcher sends no other message while the watcher waits for the relay.
+        This method never waits for a message. If this method waited after an earlier call had read the
+        message, the relay and the watcher would wait for each other.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -399,8 +399,8 @@ def _print_aside(text: str) -> threading.Thread:
     """Print to standard error in a new thread, and return the thread. If the terminal is stopped, for example
     by Ctrl-S, only this thread waits.
 
-    The thread does not use Python's buffer, because the end of the program would wait for the lock of the
-    buffer.
+    The thread bypasses Python's buffer. While a thread waits inside Python's buffer, the thread holds the
+    buffer's lock and prevents the end of the program.
     """
 
     def write() -> None:

@@ -59,14 +59,14 @@ while it decodes.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""While less than this share of the ring is filled, the watcher pauses between polls, even if the watcher has
-not decoded all records. Without pauses between polls, the watcher would keep a processor busy, and each round
-trip through the proxy would take longer.
+"""While less than this share of the ring is filled, the watcher may pause and leave records undecoded.
+Without pauses between polls, the watcher would keep a processor busy, and each round trip through the proxy
+would take longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Maximum age in ns of undecoded traffic, without and with a screen that shows the traffic. If undecoded
-traffic is older than the maximum age, the watcher does not pause between polls.
+"""Maximum age in ns of undecoded traffic. If the watcher has a subscriber, `_PUBLISHED_WITHIN_NS` applies. If
+undecoded traffic is older than the maximum age, the watcher does not pause between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
@@ -86,7 +86,7 @@ _RECORDS_PER_YIELD = 32
 _FRAMES_PER_YIELD = 4
 """Number of frames that the watcher decodes before it yields the processor.
 
-Yielding takes a quarter of the time of decoding a frame.
+To yield the processor takes a quarter of the time that the watcher needs to decode a frame.
 """
 
 _CATCHES_UP_WITHIN = 10.0
@@ -154,10 +154,7 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record what the relay has written so far.
-
-        The first call may record nothing, because it may only learn how much the relay has written.
-        """
+        """Record what the relay has written so far."""
         until = self.reader.bytes_written
         while self.reader.position < until:
             self._recorder.add_records(self.reader.read_records(_RECORDS_PER_YIELD))

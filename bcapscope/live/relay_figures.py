@@ -23,7 +23,7 @@ _LOSSES = (
 
 
 class DelayStatistics:
-    """Statistics of the relay's delay. They cover only data that the relay forwards unchanged."""
+    """Statistics of the relay's delay for data that no rule of the proxy affected."""
 
     def __init__(self) -> None:
         self._histograms = {True: Histogram(), False: Histogram()}

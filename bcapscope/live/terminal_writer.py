@@ -19,8 +19,8 @@ from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.render.escape import printable
 
 MAX_WAITING = 20_000
-"""Maximum number of lines, and also of messages, that may wait to be written. When the limit is reached,
-newer lines are dropped and counted, and newer messages are dropped.
+"""Maximum number of lines, and also of messages, that may wait to be written. At this limit, `TerminalWriter`
+drops newer lines and newer messages. `TerminalWriter` reports how many lines it dropped.
 """
 
 _LINES_WITHIN = 2.0
@@ -48,7 +48,7 @@ class TerminalWriter:
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start the threads. `words` formats messages of the writer itself, for example about lost lines."""
+        """Start the threads. `words` turns each `Message` into text."""
         self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()
@@ -96,8 +96,8 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Write the remaining lines, then the remaining messages. Give up the lines after `_LINES_WITHIN`
-        seconds, and the messages after `_MESSAGES_WITHIN` seconds.
+        """Write the remaining lines, then the remaining messages. Wait for the lines for at most
+        `_LINES_WITHIN` seconds, then for the messages for at most `_MESSAGES_WITHIN` seconds.
         """
         with self._changed:
             self._no_more_lines = True

@@ -10,9 +10,9 @@ However, Linux sometimes interrupts a process with idle priority too late. Linux
 process, and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher
 therefore also yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
 
-If other programs are always busy, a process of idle priority gets almost no processor time. A process that
-yields a busy processor gives up a whole time slice. The relay always gets processor time, and therefore
-checks how far the watcher has read. If necessary, the relay raises the watcher's priority.
+If other programs are always busy, a process of idle priority gets almost no processor time. If a process
+calls `sched_yield` on a busy processor, the process loses a whole time slice. The relay checks how far the
+watcher has read. If the watcher reads too slowly, the relay raises the watcher's priority.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""The watcher should read new records within this many seconds. If the watcher takes longer, the relay raises
-the watcher's priority.
+"""If the watcher does not read new records within this many seconds, the relay raises the watcher's priority.
 """
 
 OVERDUE_AFTER = 0.4
@@ -50,9 +49,9 @@ class WatcherUrgency(IntEnum):
     NONE = 0
     """The watcher has idle priority, and yields the processor between pieces of work."""
     SOME = 1
-    """The watcher has the relay's priority, and yields the processor between pieces of work."""
+    """The watcher has normal priority, and yields the processor between pieces of work."""
     ALL = 2
-    """The watcher has the relay's priority, and does not yield the processor."""
+    """The watcher has normal priority, and does not yield the processor."""
 
 
 class WatcherPriority:
@@ -100,7 +99,9 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor unless the watcher's urgency is `WatcherUrgency.ALL`."""
+    """Return a function that yields the processor. While the watcher's urgency is `WatcherUrgency.ALL`, the
+    function does nothing.
+    """
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
@@ -121,8 +122,9 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that switches another process to idle priority (True) or to this process's priority
-    (False). If the user may not move a process out of idle priority, the function does nothing.
+    """Return a function that switches another process to idle priority (True), or to normal priority with
+    this process's nice value (False). If the user may not move a process out of idle priority, the function
+    does nothing.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0

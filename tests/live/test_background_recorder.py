@@ -138,7 +138,7 @@ def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(
     assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets, because the disk was too slow"]
     code, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
     assert (code, len(lines)) == (0, kept + 1)
-    comment = f"{1000 - kept} packets before this packet could not be written in time"
+    comment = f"missing before this packet: {1000 - kept} packets, not written in time"
     assert comment.encode() in disk.taken.getvalue()
 
 

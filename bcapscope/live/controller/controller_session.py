@@ -277,7 +277,7 @@ class ControllerSession:
     async def open_object(
         self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
     ) -> ObjectHandle | None:
-        """Open an object. If this fails, return None, and `last_record` shows the reason."""
+        """Open an object; return None on failure. After a failure, `last_record` shows the reason."""
         record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
@@ -387,7 +387,8 @@ class ControllerSession:
         if self._opener is not None and self.status.is_connected:
             session = self._opener.session
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # `Session` records a reply only after `_on_record`, and never records a reply to raw bytes.
+                # `after_call` needs the new handles now, but `Session` records the reply only later.
+                # `Session` never records a reply to raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())

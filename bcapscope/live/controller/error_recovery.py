@@ -56,9 +56,7 @@ class LastSlaveSession:
 
     @property
     def move_position(self) -> str:
-        """Position of the first set point in the notation of `Robot_Move`, with `@E` (exact stop); "" if
-        there was none.
-        """
+        """The first set point, as text for `Robot_Move` with `@E` (exact stop); "" if there is none."""
         kind = pose_type_of_mode(self.mode)
         if kind is None or not self.first_set_point:
             return ""

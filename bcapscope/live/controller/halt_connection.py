@@ -124,8 +124,8 @@ class HaltConnection:
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """Stop reporting the state of this connection, because a new HALT connection reports its own state.
-        Continue to report the results of HALT.
+        """From now on, report only whether HALT succeeded or failed, because a new HALT connection reports
+        its own state.
         """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)

@@ -111,7 +111,9 @@ class HistoryRecorder:
         reply: Frame | None = None,
         took: int | None = None,
     ) -> None:
-        """Report the record of the call. `took` is its duration in ns; None if the call ends now."""
+        """Pass the record of a call to `_on_record`. `took` is the duration of the call in ns; None if the
+        call ends now.
+        """
         request = call.packets[0].item
         code, arguments = (request.code, request.variants) if isinstance(request, Frame) else (-1, ())
         self._call = None
