@@ -85,7 +85,7 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
+        """Delete the oldest log files to make room for a new file. Stop if a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -102,7 +102,7 @@ def _number_of(path: Path) -> int:
 
 
 LINE_TIMEOUT = 0.25
-"""Maximum time in s that a call that needs arming waits for its log line."""
+"""Maximum time in s by which the log delays a call that needs arming."""
 
 CLOSE_TIMEOUT = 2.0
 """Maximum time in s that `ActionLog.close` waits for unwritten lines."""
@@ -202,7 +202,7 @@ class ActionLog:
             self._write(time, connection, {**fields, **_hex(item.raw)}, False)
 
     def log_set_points(self, connection: LoggedConnection, count: int, time: int, who: str) -> None:
-        """Log the number of consecutive set points in one line."""
+        """Write one line that says how many consecutive set points `who` sent."""
         self._write(
             time, connection, {"who": who, "sent": "Robot_Execute slvMove", "set_points": count}, False
         )
@@ -276,8 +276,9 @@ def _hex(raw: bytes) -> dict[str, object]:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types. `left[0]` is the number of values that the line may still contain; it is
-    reduced by the number of converted values.
+    """Convert a value to JSON types, and subtract the number of converted values from `left[0]`.
+
+    `left[0]` is the number of values for which the log line still has room.
     """
     left[0] -= 1
     if isinstance(value, Variant):
@@ -350,7 +351,7 @@ class ArmedCallLogger:
         self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
 
     def add_set_points(self, count: int) -> None:
-        """Count `count` set points that were sent without a call of `add_frame`."""
+        """Add `count` set points that were sent, but not passed to `add_frame`."""
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:

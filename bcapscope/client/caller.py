@@ -45,8 +45,8 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Create a caller without a link. `attach` sets the link later, because a link can be created only
-        after its caller.
+        """Create a caller without a link; `attach` sets the link. A link needs the caller as its receiver, so
+        the caller is created first.
 
         If `fails_if_refused` is True, a call over UDP fails at the first error that the operating system
         reports for sent data. After the first data from the controller, errors of the operating system no

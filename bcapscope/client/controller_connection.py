@@ -1,4 +1,4 @@
-"""Connect to a controller in one step. The program gives the host, and may or may not use asyncio."""
+"""Connect a Python program to a controller in one step, with or without asyncio."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name of the object for display: the first string of `opened_with`. If the first string is missing
-        or empty, the label is the class and the handle, such as `Message 3`.
+        """Name of the object for display: the first string of `opened_with`. If the object has no name, the
+        label consists of its class and handle, such as `Message 3`.
         """
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 

@@ -31,7 +31,7 @@ def first_variant(reply: Frame) -> Variant | None:
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
-    `wanted` is the id of a translated message, which names the type in the error text.
+    The error text names the expected type with the message whose id is `wanted`.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):

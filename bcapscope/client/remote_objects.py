@@ -49,7 +49,7 @@ class _DescribedObject(RemoteObject):
     get_tag = _getter(RemoteObject._invoke_value, "GetTag")  # value stored with `put_tag`
 
     async def put_tag(self, value: object) -> None:
-        """Store a value of the client in the object."""
+        """Store a value in the object. `get_tag` returns this value."""
         await self._invoke("PutTag", value)
 
     get_id = _getter(RemoteObject._invoke_value, "GetID")

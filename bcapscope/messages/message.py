@@ -166,9 +166,7 @@ class MessageFormatter:
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a copy of this formatter for one report. The copy has the report's `start` and
-        `only_client`.
-        """
+        """Return a copy of this formatter for one report, with the given `start` and `only_client`."""
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:

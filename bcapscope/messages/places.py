@@ -268,8 +268,8 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire. Sentences show a shortened string. The code that shows a sentence must escape
-    the string.
+    """A string from the wire. `text` shortens the string, but does not escape control characters. Escape the
+    shortened string before you show it to a user.
     """
 
     type_name = "text"

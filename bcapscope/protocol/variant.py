@@ -1,5 +1,5 @@
-"""Deprecated location of `VT` and `Variant`, for programs that users copied from the screen of an older
-version.
+"""Deprecated location of `VT` and `Variant`. Older versions of bcapscope generated Python programs that
+import this module.
 """
 
 import warnings

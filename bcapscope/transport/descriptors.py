@@ -61,7 +61,7 @@ def raise_descriptor_limit(count: int) -> None:
         return
     try:
         import resource  # noqa: PLC0415  # Windows lacks the module
-    except ImportError:  # no file descriptor is left to open the file of the module
+    except ImportError:  # without a free file descriptor, Python cannot load the module
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = count if hard == resource.RLIM_INFINITY else min(count, hard)

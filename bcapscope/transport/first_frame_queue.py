@@ -63,9 +63,10 @@ class FirstFrameQueue(Generic[Key]):
     def add(self, key: Key, host: str) -> Key | None:
         """Add a connection.
 
-        Return the connection that the caller must drop to make room; None if there is room. The queue drops
-        the oldest connection of the source network with the most connections. A connection that has sent some
-        bytes gets no preference, because a new honest client has sent no bytes.
+        Return the connection that the caller must drop to make room; None if there is room. The queue finds
+        the source network that has the most connections, and drops the oldest connection of this network. The
+        bytes that a connection has sent do not protect the connection. An honest client that has just
+        connected has sent no bytes yet.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))

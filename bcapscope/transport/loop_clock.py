@@ -23,5 +23,5 @@ class LoopClock:
         return now + self._epoch
 
     def call_at(self, when: int, callback: Callable[[], None]) -> asyncio.TimerHandle:
-        """Call `callback` when `now` returns a time of at least `when`, ns."""
+        """Schedule `callback` for the time `when` in ns, on the same clock as `now`."""
         return self._loop.call_at(when / 1e9, callback)

@@ -43,8 +43,7 @@ class Link(Protocol):
         """Send data without waiting.
 
         Raises:
-            OSError: The data cannot be sent, and the link cannot report the error, because the link has no
-                `LinkReceiver`.
+            OSError: Sending fails, and the link has no `LinkReceiver` that could receive the error.
         """
 
     def close(self) -> None:

@@ -23,16 +23,16 @@ SMALLEST_ARGUMENT = 10
 """Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""The decoder reads at most this many elements from the number arrays of one frame. UI1 arrays do not count,
-because their bytes are read as one value. Frames of real sessions hold fewer than a thousand elements.
-Wireshark has a similar limit: 1,000,000 items per packet (gui.max_tree_items).
+"""The decoder reads at most this many elements from the number arrays of one frame. The limit does not apply
+to a UI1 array, because the decoder reads its bytes as one value. Frames of real sessions hold fewer than a
+thousand elements. Wireshark has a similar limit: 1,000,000 items per packet (gui.max_tree_items).
 """
 
 MAX_VALUES = 2_048
-"""Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. An item
-takes about 2 µs and 200 bytes, so that even a malicious frame delays a proxy by only about 5 ms. When the
-limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules. The longest
-lists in known sessions hold a few hundred names.
+"""Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. Reading an
+item takes about 2 µs and 200 bytes. A malicious frame with `MAX_VALUES` items delays a proxy by only about
+5 ms. When the limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules.
+The longest lists in known sessions hold a few hundred names.
 """
 
 MAX_PROBLEMS = 100
@@ -73,7 +73,7 @@ class Argument(NamedTuple):
 
 class NumberSpan(NamedTuple):
     """Adjacent numbers in a frame. `start` is the offset of the first number. `code` is the struct format of
-    each number. `repeat` is how many numbers the span has.
+    each number. `repeat` is the count of adjacent numbers.
 
     For the data of a UI1 array, `code` is ``s`` and `repeat` is the number of bytes.
     """
@@ -89,8 +89,8 @@ class ArgumentReader:
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore an argument's length field. The reader therefore only checks that the length
     field agrees with the value. If a value has no recognisable end, the reader reads this value a second
-    time. The second reading ends where the length field says. Afterwards, the reader respects the length
-    field of every argument, as the older C client does. Two values never share a byte, and the reader reads
+    time, up to the end that its length field gives. After a value without a recognisable end, the reader
+    trusts every length field, as the older C client does. Two values never share a byte, and the reader reads
     each byte at most twice.
 
     Attributes:

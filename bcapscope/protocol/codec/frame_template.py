@@ -3,7 +3,7 @@ decoded in full.
 
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in the serial, the reserved
 field and the numbers inside their arguments. If a frame has several arguments, the first argument is a
-handle. A session uses few handles, so frames with different handles have different templates.
+handle. Every handle has templates of its own, because a session uses only a few handles.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""Plan for a frame in which only one argument holds numbers. The plan holds the preceding values, the
-function that fills the argument, the value to fill, and the following values.
+"""Parts of a template in which only one argument holds numbers. The parts are the preceding values, the
+function that inserts the numbers, the value of the argument, and the following values.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
@@ -39,8 +39,8 @@ MAX_SHAPES_PER_LENGTH = 8
 
 
 class _FrameShape:
-    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field. The
-    bytes at all other positions identify the template.
+    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field. All
+    bytes except numbers, serial and reserved field identify the template of a frame.
     """
 
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:

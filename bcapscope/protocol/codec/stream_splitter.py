@@ -22,9 +22,9 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Maximum length in bytes of a frame whose length field the arguments do not confirm. Frames of real sessions
-are below 10 KiB. With this limit, a corrupted length field delays at most 64 KiB of the stream instead of the
-whole stream.
+"""Maximum length in bytes of a frame if its arguments do not end where its length field says. Frames of real
+sessions are below 10 KiB. With this limit, a corrupted length field delays at most 64 KiB of the stream
+instead of the whole stream.
 """
 
 LARGEST_GARBAGE = 64 * 1024
@@ -32,8 +32,8 @@ LARGEST_GARBAGE = 64 * 1024
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB, so the splitter returns them whole even if long frames on other connections
-exhaust the budget.
+of real sessions are below 10 KiB. If long frames on other connections use up the shared budget, the splitter
+still returns the frames of real sessions whole.
 """
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
@@ -245,7 +245,7 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return the trust in a frame at `pos`, and the length of the frame. The length is 0 if unknown."""
+        """Return whether a frame begins at `pos`, and the frame's length; 0 if the length is unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0

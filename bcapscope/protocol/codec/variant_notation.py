@@ -49,9 +49,9 @@ def parse_variant(text: str) -> Variant:
 def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
     """Parse a value of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``.
 
-    Text without a type gets the first type in `types` that fits, and VT_BSTR only if no other type fits. A
-    type that the text itself states overrides `types`. If `types` contains only VT_BSTR, the whole text is
-    the value.
+    Text without a type gets the first type in `types` that fits, and VT_BSTR only if no other type fits. If
+    the text begins with a type, as in ``i4:5``, this type replaces `types`. If `types` contains only VT_BSTR,
+    the whole text is the value, even ``i4:5``.
 
     Raises:
         InputError: The text fits none of the types.

@@ -193,8 +193,8 @@ class _FieldBuilder:
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range. Exclude the problem of a value that is truncated at the end of
-        the range.
+        """Return the problems in a byte range. The result does not include the problem of a value that is
+        truncated exactly at `stop`.
         """
         return self.problems_between(2 * start, 2 * stop - 1)
 
@@ -291,8 +291,9 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: its offset times two. If a value is truncated at the end of its
-    argument, the sort key is 1 lower. The lower key assigns the problem to this argument.
+    """Return a sort key for a problem: twice the problem's offset. If a value is truncated at the end of its
+    argument, subtract 1 from the sort key of the problem. The problem then belongs to the truncated argument,
+    not to the next argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

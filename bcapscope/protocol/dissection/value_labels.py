@@ -1,6 +1,4 @@
-"""Names and meanings of the values in arguments and results, and of the elements in slvMove's set points and
-results.
-"""
+"""Names and meanings of arguments and results, including the elements of slvMove's set points and results."""
 
 from __future__ import annotations
 
@@ -49,9 +47,9 @@ NO_LABEL = ValueLabel()
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     """Name the elements of slvMove's parameter or result.
 
-    The label of the whole value has an empty name. Earlier calls set the formats and the slave mode, which
-    this function does not know. The function therefore guesses the names from the number and types of the
-    elements, and says so in the label's `text`.
+    The label of the whole value has an empty name. This function does not know the formats and the slave
+    mode, because earlier calls chose them. The function guesses the names from the number and types of the
+    elements. If the names are guessed, the label's `text` says so.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_part_labels(found._asdict()))
@@ -75,8 +73,8 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""Labels of the elements that each field of `SetPoint` and `Feedback` describes. `SetPoint` and `Feedback`
-list their fields in the order of the elements of slvMove's value.
+"""Labels of the elements that each field of `SetPoint` and `Feedback` describes. The fields of
+`SetPoint` and `Feedback` have the same order as the elements of slvMove's array.
 """
 
 
@@ -172,7 +170,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join `meanings` into one message. The template of the message `id` joins two texts at a time."""
+    """Join `meanings` into one message. The message `id` must have the placeholders `first` and `rest`."""
     if not meanings:
         return ""
     *others, found = meanings

@@ -19,9 +19,7 @@ class ReservedConvention(StrEnum):
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
-    """Every attempt holds the serial of the first attempt. The first attempt holds its own serial (orin_bcap
-    C, C#, Java).
-    """
+    """The serial of the first attempt, in every attempt including the first (orin_bcap C, C#, Java)."""
     CHAIN = "chain"
     """0 in the first attempt, then the serial of the previous attempt (the older C client)."""
     TCP0 = "tcp0"

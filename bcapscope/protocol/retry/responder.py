@@ -48,8 +48,9 @@ class Defect(Flag):
     FORGETS_FIRST = 1
     """The server stores only its last reply, with the serial of the first attempt that arrived. The server
     does not compare the contents of requests. If the first attempt is lost, the server executes the first
-    retry and stores its serial. The second retry refers to the lost first attempt, so the server executes the
-    call a second time. If a client restarts with the serial of its last call, the server sends the old reply.
+    retry and stores the serial of this retry. The second retry holds the serial of the lost attempt, which
+    the server never received. The server therefore executes the second retry as a new call. If a client
+    restarts with the serial of its last call, the server sends the old reply.
     """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
@@ -134,20 +135,19 @@ class Responder:
 
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) holds the serial of the previous
       attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
-      of that attempt. The request may then be a retry of a known call, or a retry of a new call with the same
-      contents.
+      in the reserved field. The retry may belong to a known call, or to a new call with the same contents.
     * A new program on the port of an earlier program may start with the same serial. A new call looks like a
       delayed attempt of an earlier call with the same contents and an equal or slightly higher serial.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    A request whose serial and reserved field are both unknown counts as a retry only under the convention
-    `CHAIN` or `UNKNOWN`. If the responder mistakes a new call for a retry, the controller does not execute
-    the call, and the client gets the earlier reply. The earlier reply may hold an old value, or report a
-    motion that the robot made for the earlier call.
+    A request is usually a new call if the responder knows neither its serial nor its reserved field. Under
+    the conventions `CHAIN` and `UNKNOWN`, a request without a known serial may also be a retry. If the
+    responder mistakes a new call for a retry, the controller does not execute the call, and the client gets
+    the earlier reply. The earlier reply may hold an old value, or report a motion that the robot made for the
+    earlier call.
 
-    If a new program uses a serial of an earlier program for a different call, the responder forgets the calls
-    of the earlier program. After `remembered` calls of the new program, the responder has forgotten every
-    call of the earlier program.
+    If a new call reuses a known serial, the responder forgets the calls of the earlier program. The responder
+    stores at most `remembered` calls, so calls of a new program displace the calls of an earlier program.
     """
 
     def __init__(
@@ -318,8 +318,8 @@ class Responder:
     def _forget_earlier_program(self, serial: int) -> None:
         """Forget the calls of an earlier program, which used `serial` for a different call.
 
-        The responder keeps newer calls with smaller serials. The new program made these newer calls, and may
-        still retry them.
+        The responder keeps calls that are newer than the forgotten calls and have serials below `serial`. The
+        current program made the kept calls, and may still retry them.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
@@ -339,8 +339,8 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Derive the client's convention from a reserved field that is not 0. A `CHAIN` retry names the
-        previous attempt.
+        """Find out which `ReservedConvention` the client uses, if the reserved field is not 0. Under `CHAIN`,
+        a retry holds the serial of the previous attempt.
         """
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN

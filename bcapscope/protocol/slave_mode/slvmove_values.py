@@ -25,7 +25,7 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# for the number of values in a result with two poses, the types of the poses (receive formats 4 and 5)
+# key: number of values in a result with two poses (receive formats 4 and 5); value: types of the two poses
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
@@ -202,7 +202,7 @@ def _kinds_of_parts(parts: tuple[Variant, ...]) -> tuple[str, ...]:
 def _matching_arrangements(
     layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the arrangements of elements that match `kinds`, or the first arrangement if none matches."""
+    """Return the arrangements whose elements have these `kinds`; if there are none, the first arrangement."""
     listed = tuple(layouts)
     agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
     return agreeing or listed[:1]
@@ -259,8 +259,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Return a dictionary from the element names in `layout` to the values of the elements, and the problems.
-    A value is a tuple of numbers, an integer, or bytes.
+    """Return a dictionary with the value of each element, and a list of problems. The keys of the dictionary
+    are the names in `layout`. A value is a tuple of numbers, an integer, or bytes.
     """
     named: dict[str, Any] = {}
     problems: list[Message] = []
@@ -285,8 +285,8 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether elements fit a guessed arrangement. User I/O must be valid. If there is hand I/O without
-    mini I/O, the upper 8 bits of the hand I/O must be 0.
+    """Return whether `layout` is a plausible arrangement of the elements in `parts`. User I/O must be valid.
+    If there is hand I/O without mini I/O, the upper 8 bits of the hand I/O must be 0.
     """
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):

@@ -32,7 +32,7 @@ class ObjectClass(StrEnum):
 
 
 class ResultKind(StrEnum):
-    """Kind of result in a successful reply, which has at most one argument."""
+    """Type of the value in a successful reply; `NONE` if the reply has no value."""
 
     NONE = "none"
     HANDLE = "handle"

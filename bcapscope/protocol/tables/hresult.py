@@ -48,8 +48,8 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels. The message catalogue holds the names of the levels. DENSO's error list does not name levels
-2 and 3; bcapscope derives these names from the texts of the errors.
+"""Error levels of the controller; `level_name` returns the name of an error level. DENSO's error list does
+not name levels 2 and 3, so bcapscope derives their names from the texts of the errors.
 """
 
 _ENDS_SLAVE_MODE = 3
@@ -265,8 +265,8 @@ def _info_as_rc7(code: int) -> HresultInfo:
 
 
 def _info_from_row(code: int, row: dict[str, str], axis: int | None = None) -> HresultInfo:
-    """Return the meaning of a listed code. `row` is the table's row for this code, or the common row for the
-    codes of all eight axes.
+    """Return the meaning of a listed code. `row` is the row of the code in the table. Codes that differ
+    only in the axis may share one row.
     """
     level, subsystem = _level_and_subsystem(code)
     key = f"hresult.{code:08X}" if axis is None else f"hresult.axis.{code & ~0xF:08X}"
