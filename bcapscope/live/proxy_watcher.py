@@ -154,10 +154,10 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record what the relay has written so far."""
+        """Record what the relay has written so far. The latest records may be recorded at the next call."""
         until = self.reader.bytes_written
-        while self.reader.position < until:
-            self._recorder.add_records(self.reader.read_records(_RECORDS_PER_YIELD))
+        while self.reader.position < until and (records := self.reader.read_records(_RECORDS_PER_YIELD)):
+            self._recorder.add_records(records)
             self._yield_cpu()
         self._recorder.flush()
 

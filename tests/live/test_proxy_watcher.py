@@ -31,7 +31,14 @@ from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.frame_template import FrameTemplate
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
+from bcapscope.proxy.ring_buffer import (
+    RING_OVERHEAD,
+    RelayCounter,
+    RingReader,
+    RingRecord,
+    RingRecordKind,
+    RingWriter,
+)
 from bcapscope.render import frame_line
 from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.field_table import RecordKind
@@ -186,6 +193,33 @@ def test_clients_that_have_gone_are_forgotten_with_all_that_they_hold(
     assert sum(many.values()) < 7_000, many.most_common(9)
     assert chain.screen.lines >= 2 * FEW * 9
     chain.end()
+
+
+class Records(list[RingRecord]):
+    """A recorder that keeps the records instead of writing them."""
+
+    def add_records(self, records: Sequence[RingRecord]) -> None:
+        self += records
+
+    def next_packet_numbers(self, count: int) -> list[int]:
+        return list(range(count))
+
+    def flush(self) -> None:
+        pass
+
+
+def test_new_records_wait_for_the_next_poll() -> None:
+    memory = memoryview(bytearray(RING_OVERHEAD + (1 << 20)))
+    ring, records = RingWriter(memory), Records()
+    task = RecorderTask(RingReader(memory, ahead=True), cast(ProxyRecorder, records))
+    assert ring.write_record(True, 1, MS, MS, b"first")
+    task.record_available()
+    assert records == []
+    assert ring.write_record(True, 1, MS, MS, b"second")
+    task.record_available()
+    assert [record.data for record in records[:1]] == [b"first"]
+    task.record_available()
+    assert [record.data for record in records] == [b"first", b"second"]
 
 
 class Ended:
