@@ -17,6 +17,13 @@ from bcapscope.proxy import script_process
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher, Handler
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_process import ScriptProcess
+from bcapscope.proxy.script_protocol import (
+    FinishScripts,
+    FrameUnpacker,
+    ScriptAnswer,
+    ScriptStatement,
+    pack,
+)
 from bcapscope.proxy.script_queue import ScriptQueue
 from tests.proxy.relaying import PATIENCE, listening, port_of
 
@@ -29,6 +36,13 @@ OBSERVER = """
 class Observer:
     def request(self, message): pass
 addons = [Observer()]
+"""
+CRASHING = """import os, threading
+def wait():
+    ready.set()
+    threading.Event().wait()
+ready = threading.Event(); threading.Thread(target=wait, daemon=True).start(); ready.wait()
+os.abort()
 """
 PARENT = """
 import socket, subprocess, sys
@@ -93,6 +107,40 @@ def test_a_process_that_reads_nothing_is_written_to_later(
         os.kill(process._process.pid, signal.SIGSTOP)
         assert not process.finish(bytes(1 << 22), lambda data: True)
         assert watcher.masks == [READ, 0]
+
+
+def test_the_answer_to_the_last_order_is_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(script_process, "FINISHES_WITHIN", PATIENCE)
+    answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
+
+    def is_answered(data: bytes) -> bool:
+        answers.feed_bytes(data)
+        return answers.next_frame() == ScriptAnswer()
+
+    with started(tmp_path, OBSERVER) as (process, _):
+        assert process.load(PATIENCE)
+        assert process.finish(pack(FinishScripts()), is_answered)
+
+
+def test_a_crash_is_reported_with_the_line_of_the_thread_that_crashed(tmp_path: Path) -> None:
+    with (
+        started(tmp_path, CRASHING) as (process, _),
+        pytest.raises(BcapError, match=r"mine\.py.* line 6\b"),
+    ):
+        process.load(PATIENCE)
+
+
+def test_what_a_script_has_started_ends_even_if_the_script_ended_first(tmp_path: Path) -> None:
+    with (
+        listening() as door,
+        started(tmp_path, PARENT.format(port=port_of(door)) + "import os; os._exit(3)") as (process, _),
+    ):
+        connection, _address = door.accept()
+        with connection, suppress(ConnectionResetError):
+            connection.settimeout(PATIENCE)
+            with pytest.raises(BcapError):
+                process.load(PATIENCE)
+            assert connection.recv(1) == b""
 
 
 def test_what_a_script_has_started_ends_with_it(tmp_path: Path) -> None:

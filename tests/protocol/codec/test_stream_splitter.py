@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterable
 
 import pytest
@@ -129,6 +130,14 @@ def test_after_a_frame_without_right_end_the_next_is_found(sample: Damaged) -> N
         assert sound(pieces) == [GOOD] * 3
         assert pieces[1].item.raw == sample.data
         assert pieces[1].item.problems
+
+
+def test_a_frame_after_garbage_is_returned_once_its_bytes_have_arrived() -> None:
+    # The garbage claims 5000 bytes and two arguments; the second argument is impossible.
+    garbage = struct.pack("<BIHHIHI6x", 1, 5000, 1, 0, 64, 2, 6)
+    splitter = StreamSplitter(synchronized=False)
+    assert splitter.feed(garbage) == []
+    assert raws(splitter.feed(bytes(4) + GOOD)) == [garbage + bytes(4), GOOD]
 
 
 GARBAGE = [
