@@ -130,6 +130,13 @@ def test_a_crash_is_reported_with_the_line_of_the_thread_that_crashed(tmp_path: 
         process.load(PATIENCE)
 
 
+def test_a_process_that_was_closed_may_be_ended_again(tmp_path: Path) -> None:
+    with started(tmp_path, OBSERVER) as (process, _):
+        assert process.load(PATIENCE)
+        process.close()
+        assert list(map(str, process.end())) == ["SIGKILL"]
+
+
 def test_what_a_script_has_started_ends_even_if_the_script_ended_first(tmp_path: Path) -> None:
     with (
         listening() as door,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import select
 import socket
 import struct
@@ -216,6 +217,15 @@ def test_an_unreachable_controller_is_told_and_the_client_is_cut_off() -> None:
             client.recv(1)
         eventually(proxy.notices)
         assert f"no connection to 127.0.0.1:{port} over TCP: connection refused" in proxy.notices()
+
+
+def test_a_controller_to_which_no_connection_can_begin_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket.socket, "connect_ex", lambda sock, address: errno.ENETUNREACH)
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        with pytest.raises(ConnectionResetError), socket.create_connection(proxy.address, PATIENCE) as client:
+            client.recv(1)
+        eventually(proxy.notices)
+        assert os.strerror(errno.ENETUNREACH).lower() in proxy.notices()
 
 
 def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there_are(
