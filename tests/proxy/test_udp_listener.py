@@ -17,8 +17,10 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy import udp_listener
 from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
+from bcapscope.proxy.listener_spec import parse_listener_specs
+from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import listen_on, local_address_for
 from bcapscope.traffic.observation import Endpoint, Transport
 from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
@@ -182,6 +184,24 @@ def test_strangers_are_told_once_and_dropped() -> None:
             raise AssertionError(server.recv(100))
         except BlockingIOError:
             pass
+
+
+def test_at_most_256_strangers_are_reported() -> None:
+    memory = memoryview(bytearray(RING_OVERHEAD + (1 << 16)))
+    relay, reader = Relay(RingWriter(memory)), RingReader(memory)
+    (spec,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:9"], "udp", ["10.0.0.0/8"])
+    _, (listener,) = open_listeners(relay, spec, udp_listener.EXPIRE_AFTER_NS)
+    relay.listen([listener])
+    assert isinstance(listener, udp_listener.UdpListener)
+    try:
+        for number in range(300):
+            address = f"172.16.{number // 100}.{number % 100}", 5
+            assert listener.session_for(address, b"") is None
+        records = [*reader.read_records(), *reader.read_records()]
+        assert sum(each.kind is RingRecordKind.NOTICE for each in records) == 256
+        assert relay.counts[RelayCounter.DENIED] == 300
+    finally:
+        relay.close()
 
 
 @contextmanager
