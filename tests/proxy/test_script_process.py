@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from bcapscope.proxy.script_protocol import (
     pack,
 )
 from bcapscope.proxy.script_queue import ScriptQueue
+from tests.faults.traffic import talk
 from tests.proxy.relaying import PATIENCE, listening, port_of
 
 pytestmark = [
@@ -56,9 +58,11 @@ class Watcher(DescriptorWatcher):
 
     def __init__(self) -> None:
         self.masks: list[int] = []
+        self.handlers: dict[int, Handler] = {}
 
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         self.masks.append(mask)
+        self.handlers[descriptor] = handler
 
     def change(self, descriptor: int, mask: int) -> None:
         self.masks.append(mask)
@@ -107,6 +111,23 @@ def test_a_process_that_reads_nothing_is_written_to_later(
         os.kill(process._process.pid, signal.SIGSTOP)
         assert not process.finish(bytes(1 << 22), lambda data: True)
         assert watcher.masks == [READ, 0]
+
+
+def test_an_answer_reaches_the_rules(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(OBSERVER)
+    watcher = Watcher()
+    with closing(ScriptProcess([str(path)])) as process:
+        queue = ScriptQueue("mine.py", process)
+        rules = RulePolicy(FaultInjector(now=0), None, None, queue)
+        process.attach(rules, watcher, lambda: False)
+        assert process.load(PATIENCE)
+        rules.add_client(1, talk().up.conversation, 0)
+        assert queue.due() is not None
+        ((descriptor, handler),) = watcher.handlers.items()
+        assert select.select([descriptor], [], [], PATIENCE)[0]
+        handler(READ)
+        assert queue.due() is None
 
 
 def test_the_answer_to_the_last_order_is_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

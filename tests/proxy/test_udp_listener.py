@@ -302,6 +302,15 @@ def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
         assert client.recv(100) == b"still there"
 
 
+def test_each_dropped_reply_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    with stopped_behind_a_client() as (relay, _):
+        (session,) = relay.sessions.values()
+        for dropped in (3, 3, 5):
+            monkeypatch.setattr(udp_listener, "dropped_datagrams", lambda sock, dropped=dropped: dropped)
+            session.sweep(relay.now)
+            assert relay.counts[RelayCounter.LOST] == dropped
+
+
 def test_full_buffers_of_the_system_are_counted() -> None:
     with datagrams() as server:
         memoryless = running(port_of(server), "udp")
@@ -337,6 +346,10 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
         )  # the second is still at work, and never done
         asked = [server.recv(100)[5] for _ in range(3)]
         assert asked == [1, 2, 2]
+        proxy.look()
+        proxy.relay.close()
+        assert [data[5] for data in proxy.passed(True)[1:]] == asked
+        assert [each.client for each in proxy.of(RingRecordKind.CLIENT_CLOSED)] == [session.number]
 
 
 def test_who_leaves_without_time_asks_nothing() -> None:
