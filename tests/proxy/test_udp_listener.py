@@ -186,22 +186,40 @@ def test_strangers_are_told_once_and_dropped() -> None:
             pass
 
 
-def test_at_most_256_strangers_are_reported() -> None:
+@contextmanager
+def idle_listener(*allow: str) -> Iterator[tuple[Relay, udp_listener.UdpListener, RingReader]]:
+    """Listen with a relay that does not run, so that a test can choose the address of a client."""
     memory = memoryview(bytearray(RING_OVERHEAD + (1 << 16)))
-    relay, reader = Relay(RingWriter(memory)), RingReader(memory)
-    (spec,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:9"], "udp", ["10.0.0.0/8"])
+    relay = Relay(RingWriter(memory))
+    (spec,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:9"], "udp", allow)
     _, (listener,) = open_listeners(relay, spec, udp_listener.EXPIRE_AFTER_NS)
     relay.listen([listener])
     assert isinstance(listener, udp_listener.UdpListener)
     try:
+        yield relay, listener, RingReader(memory)
+    finally:
+        relay.close()
+
+
+def test_at_most_256_strangers_are_reported() -> None:
+    with idle_listener("10.0.0.0/8") as (relay, listener, reader):
         for number in range(300):
-            address = f"172.16.{number // 100}.{number % 100}", 5
-            assert listener.session_for(address, b"") is None
+            assert listener.session_for((f"172.16.{number // 100}.{number % 100}", 5), b"") is None
         records = [*reader.read_records(), *reader.read_records()]
         assert sum(each.kind is RingRecordKind.NOTICE for each in records) == 256
         assert relay.counts[RelayCounter.DENIED] == 300
-    finally:
-        relay.close()
+
+
+def test_without_spare_descriptors_only_a_stop_gets_a_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    halt = encode_frame(5, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    with idle_listener() as (relay, listener, _):
+        monkeypatch.setattr(relay.spares, "refill", lambda: False)
+        assert listener.session_for(("127.0.0.1", 5), encode_frame(5, 0, 1)) is None
+        assert not relay.slots[Transport.UDP].end_oldest_stop()
+        session = listener.session_for(("127.0.0.1", 6), halt)
+        assert list(relay.sessions.values()) == [session]
+        assert relay.slots[Transport.UDP].end_oldest_stop()
+        assert not relay.sessions
 
 
 @contextmanager

@@ -59,6 +59,22 @@ def test_calls_settle_by_time_alone() -> None:
     assert summaries(tracker.expire(silent.time + EXECUTION_NS)) == ["2: >3 unanswered, unanswered"]
 
 
+def test_every_50_ms_a_frame_completes_the_calls_that_have_settled() -> None:
+    script = Script()
+    client = script.client()
+    tracker = Tracker()
+    tracker.observe(client.ask(0, 1, 1, MOVE))
+    reply = client.reply(1, 1)
+    tracker.observe(reply)
+    tracker.observe(client.ask(8, 2, 2, OTHER))
+    checked = reply.time + 100 * MS - 1
+    assert list(tracker.expire(checked)) == []
+    early, due = client.reply(150, 2), client.ask(151, 3, 3, MOVE)
+    assert list(tracker.observe(early._replace(time=checked + 50 * MS - 1))) == []
+    found = tracker.observe(due._replace(time=checked + 50 * MS))
+    assert summaries(found) == ["1: >1 <2 answered, answered"]
+
+
 def test_a_call_settles_soon_once_client_and_server_go_on() -> None:
     script = Script()
     client = script.client()
