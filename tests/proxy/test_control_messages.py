@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from bcapscope.proxy.control_messages import HeldResponse, decode_response
+from bcapscope.proxy.control_messages import HeldResponse, ProxyStats, decode_response
 
 HELD = {
     "number": 1,
@@ -26,6 +26,13 @@ HELD = {
 def held(field: str, value: object) -> bytes:
     """Return a response with a value in one of its fields."""
     return json.dumps({"ok": True, "held": [HELD | {field: value}]}).encode()
+
+
+def test_the_ports_on_which_the_proxy_listens() -> None:
+    listening = ["127.0.0.1:5008 > 192.168.0.1:5007", "[::1]:5009 > [fe80::1]:5007"]
+    stats = {"ok": True, "injected": {}, "refused": 0, "guard": False, "intercept": None, "held": 0}
+    stats |= {"held_so_far": 0, "addon_errors": 0, "scripts": None, "listening": listening}
+    assert decode_response(json.dumps(stats).encode(), ProxyStats).ports == (5008, 5009)
 
 
 @pytest.mark.parametrize(
