@@ -147,8 +147,8 @@ GARBAGE = [
     b"\x01\x10\x00\x00\x00" * 9,
     b"\x01\xff\xff\xff\xff" + bytes(11),
     b"\x01\x20\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x03\x00" + bytes(30),
-    # the length of the argument fits the frame only without the last of its four bytes
-    struct.pack("<BIHHIHI6xB5x", 1, 26, 1, 0, 64, 1, 0x01000006, 4),
+    # the length of the first argument fits the frame only without the last of its four bytes
+    struct.pack("<BIHHIHI6xI6xB5x", 1, 36, 1, 0, 64, 2, 0x01000006, 6, 4),
     b"GET / HTTP/1.1\r\n\r\n",
     GOOD[1:],
     GOOD[:-1],
