@@ -140,6 +140,13 @@ def test_a_frame_after_garbage_is_returned_once_its_bytes_have_arrived() -> None
     assert raws(splitter.feed(bytes(4) + GOOD)) == [garbage + bytes(4), GOOD]
 
 
+def test_garbage_cut_at_every_offset_is_the_same_garbage() -> None:
+    # The length of the first argument fits the frame only without the last of its four bytes.
+    data = struct.pack("<BIHHIHI6xI6xB5x", 1, 36, 1, 0, 64, 2, 0x01000006, 6, 4) + GOOD
+    for at in range(len(data) + 1):
+        assert raws(feed([data[:at], data[at:]], in_step=False)) == [data[: -len(GOOD)], GOOD]
+
+
 GARBAGE = [
     b"\x00",
     b"\x01",
@@ -147,8 +154,6 @@ GARBAGE = [
     b"\x01\x10\x00\x00\x00" * 9,
     b"\x01\xff\xff\xff\xff" + bytes(11),
     b"\x01\x20\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x03\x00" + bytes(30),
-    # the length of the first argument fits the frame only without the last of its four bytes
-    struct.pack("<BIHHIHI6xI6xB5x", 1, 36, 1, 0, 64, 2, 0x01000006, 6, 4),
     b"GET / HTTP/1.1\r\n\r\n",
     GOOD[1:],
     GOOD[:-1],
