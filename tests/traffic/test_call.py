@@ -79,6 +79,20 @@ def test_a_reply_shows_that_the_controller_received_the_call(
     assert call.was_received is received
 
 
+@pytest.mark.parametrize(
+    ("captured", "unseen", "latest"),
+    [(20, (), 20), (20, (21, 22), 22), (20, (19,), 20), (65535, (1,), 1), (1, (65535,), 1)],
+)
+def test_the_latest_attempt_may_be_one_that_was_not_captured(
+    captured: int, unseen: tuple[int, ...], latest: int
+) -> None:
+    script = Script()
+    script.client().ask(0, captured, 0, MOVE)
+    (call,) = calls_of(script.track())
+    call.unseen_serials = unseen
+    assert call.latest_serial == latest
+
+
 def test_execute_questions_are_told() -> None:
     script = Script()
     client = script.client()
