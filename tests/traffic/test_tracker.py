@@ -59,6 +59,22 @@ def test_calls_settle_by_time_alone() -> None:
     assert summaries(tracker.expire(silent.time + EXECUTION_NS)) == ["2: >3 unanswered, unanswered"]
 
 
+def test_a_call_stays_open_while_the_reply_to_the_next_call_may_have_overtaken_its_own() -> None:
+    script = Script()
+    client = script.client()
+    tracker = Tracker()
+    for ms, serial in ((0, 1), (8, 2), (16, 3), (24, 4)):
+        tracker.observe(client.ask(ms, serial, serial, MOVE if serial % 2 else OTHER))
+        if serial == 2:
+            tracker.observe(client.reply(9, 2))
+    reply = client.reply(1000, 4)
+    tracker.observe(reply)
+    before = summaries(tracker.expire(reply.time + 100 * MS - 1))
+    assert [each[:2] for each in before] == ["1:", "2:"]
+    after = summaries(tracker.expire(reply.time + 100 * MS))
+    assert [each[:2] for each in after] == ["3:"]
+
+
 def test_every_50_ms_a_frame_completes_the_calls_that_have_settled() -> None:
     script = Script()
     client = script.client()
