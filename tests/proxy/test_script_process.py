@@ -46,6 +46,13 @@ def wait():
 ready = threading.Event(); threading.Thread(target=wait, daemon=True).start(); ready.wait()
 os.abort()
 """
+LOOPING = """import os, socket, threading
+def wait():
+    ready.set()
+    threading.Event().wait()
+ready = threading.Event(); threading.Thread(target=wait, daemon=True).start(); ready.wait()
+link = socket.create_connection(("127.0.0.1", {port})); threading.Event().wait()
+"""
 PARENT = """
 import socket, subprocess, sys
 sock = socket.create_connection(("127.0.0.1", {port}))
@@ -149,6 +156,25 @@ def test_a_crash_is_reported_with_the_line_of_the_thread_that_crashed(tmp_path: 
         pytest.raises(BcapError, match=r"mine\.py.* line 6\b"),
     ):
         process.load(PATIENCE)
+
+
+def test_a_script_that_never_loads_is_located_in_its_main_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(script_process, "LOADS_WITHIN", 0.0)
+    reason = ""
+    for _ in range(20):  # on a busy machine, a process may be ended before it reports its line
+        with (
+            listening() as door,
+            started(tmp_path, LOOPING.format(port=port_of(door))) as (process, _watcher),
+        ):
+            door.accept()[0].close()
+            with pytest.raises(BcapError) as caught:
+                process.load(0)
+        reason = str(caught.value)
+        if "line" in reason:
+            break
+    assert "line 6" in reason
 
 
 def test_a_process_that_was_closed_may_be_ended_again(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
 
 import pytest
 
@@ -210,13 +211,32 @@ def test_at_most_256_strangers_are_reported() -> None:
         assert relay.counts[RelayCounter.DENIED] == 300
 
 
+HALT = encode_frame(5, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+
+
+@pytest.mark.parametrize(("first", "is_admitted"), [(HALT, True), (encode_frame(5, 0, 1), False)])
+def test_only_a_stop_gets_a_spare_descriptor(
+    first: bytes, is_admitted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect = udp_listener.connect_datagrams
+    errors = [OSError(errno.EMFILE, "")]
+
+    def connect_if_free(*controller: Any) -> socket.socket:
+        if errors:
+            raise errors.pop()
+        return connect(*controller)
+
+    with idle_listener() as (_, listener, _reader):
+        monkeypatch.setattr(udp_listener, "connect_datagrams", connect_if_free)
+        assert (listener.session_for(("127.0.0.1", 5), first) is not None) is is_admitted
+
+
 def test_without_spare_descriptors_only_a_stop_gets_a_slot(monkeypatch: pytest.MonkeyPatch) -> None:
-    halt = encode_frame(5, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     with idle_listener() as (relay, listener, _):
         monkeypatch.setattr(relay.spares, "refill", lambda: False)
         assert listener.session_for(("127.0.0.1", 5), encode_frame(5, 0, 1)) is None
         assert not relay.slots[Transport.UDP].end_oldest_stop()
-        session = listener.session_for(("127.0.0.1", 6), halt)
+        session = listener.session_for(("127.0.0.1", 6), HALT)
         assert list(relay.sessions.values()) == [session]
         assert relay.slots[Transport.UDP].end_oldest_stop()
         assert not relay.sessions
