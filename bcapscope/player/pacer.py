@@ -196,7 +196,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Store how long the reply took. Time that the player overslept does not count."""
+        """Store the time from the set point to its reply, without the time that the player overslept."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept

@@ -90,11 +90,11 @@ def stop_after(
     """Return the set points that follow set point `row` and bring the robot to rest on the trajectory's path.
     Each set point is one row.
 
-    The robot comes to rest in 0.1 s to 2 s. The function lengthens this time until the set points keep within
-    `limits`. If the trajectory exceeds a limit near `row` by a factor, the returned set points may also
-    exceed a limit by this factor. If an acceleration limit is unknown, the robot comes to rest in at least
-    0.5 s. If the remaining path is too short to come to rest, return the remaining points of the trajectory.
-    `period` is in seconds. With `loop`, the first point follows the last point.
+    The robot comes to rest in 0.1 s to 2 s. The function lengthens the braking time until the set points keep
+    within `limits`. If the trajectory exceeds a limit near `row` by a factor, the returned set points may
+    also exceed a limit by this factor. If an acceleration limit is unknown, the robot comes to rest in at
+    least 0.5 s. If the remaining path is too short to come to rest, return the remaining points of the
+    trajectory. `period` is in seconds. With `loop`, the first point follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -149,7 +149,7 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 def _ramp_integral(part: Array) -> Array:
     """Return the distance that the robot has covered since the ramp began. `part` (0 to 1) is the elapsed
     share of the ramp. At full speed, the robot covers a distance of 1 in a ramp's duration. A whole ramp
-    covers 0.5.
+    covers a distance of 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

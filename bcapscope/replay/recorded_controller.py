@@ -53,8 +53,8 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a new `ScriptLookup` of the same recorded calls. The `find` method of the new lookup begins at
-        the first recorded call.
+        """Return a new `ScriptLookup` of the same recorded calls. The `find` method of the new lookup begins
+        at the first recorded call.
         """
         lookup = copy(self)
         lookup._next = {}

@@ -97,7 +97,7 @@ class Hand:
 
     Attributes:
         motion_count: Number of motions and stops so far.
-        stopped_by: Result code that the latest stop gave to the waiting call; 0 before the first stop.
+        stopped_by: Result code that the latest stop gave to the stopped call; 0 before any stop.
         ends: Time in ns at which the last motion ended or will end.
     """
 
@@ -170,8 +170,8 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: Open pairs of commands. The set contains `time` from SyncTimeStart to SyncTimeEnd. The set
-            contains `move` from SyncMoveStart to SyncMoveEnd.
+        brackets: Open pairs of commands. SyncTimeStart puts `time` into this set, and SyncTimeEnd removes
+            `time`. SyncMoveStart puts `move` into this set, and SyncMoveEnd removes `move`.
     """
 
     def __init__(self, object_width: float | None) -> None:

@@ -44,7 +44,9 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """Whether the host must call `poll`. The running call may stand for True, and None for False."""
+        """Whether the host must call `poll`. A subclass may return a running call for True, and None for
+        False.
+        """
 
     @property
     def _is_unanswered(self) -> bool:
