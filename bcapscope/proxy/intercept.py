@@ -185,7 +185,7 @@ class Intercept:
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
         """Release and return the messages that were held for the maximum time. If the client of a held
-        request no longer waits for the reply, the intercept drops later retries.
+        request no longer waits for the reply, the intercept drops later retries of the request.
         """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
