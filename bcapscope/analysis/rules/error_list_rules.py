@@ -105,7 +105,7 @@ class _ControllerErrors:
 class ErrorListChecker(RuleChecker):
     """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    The checker may get calls of different clients in the wrong order. Therefore the checker remembers the
+    The checker may get calls of different clients in any order. Therefore the checker remembers the
     latest errors that clients read, and compares these errors with each later refusal.
     """
 

@@ -15,11 +15,11 @@ The model is a prediction, not an observation. It assumes:
   the buffer before its reply arrives.
 
 The controller takes each set point at the same moment of a period, called the controller's phase. A capture
-does not show the controller's phase. The model assumes the earliest phase, so the controller's real deadlines
-may be up to one period later than in the model. If a set point misses its deadline in the model by at most
-one period, the model counts a possible underflow. If a set point misses its deadline by more than one period,
-the model counts a predicted underflow. The model predicts an overflow only if the buffer would be full for
-every possible phase of the controller.
+does not show the controller's phase. The model assumes the earliest phase. The real deadlines may be up to
+one period later than the deadlines of the model. If a set point misses the model's deadline by at most one
+period, the model counts a possible underflow. If a set point misses the model's deadline by more than one
+period, the model counts a predicted underflow. The model predicts an overflow only if the buffer would be
+full for every possible phase of the controller.
 `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
 these numbers.
 """

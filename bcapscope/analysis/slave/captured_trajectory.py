@@ -3,7 +3,7 @@
 Each slvMove call is one set point of the trajectory, even if the client retried the call. The time of a set
 point is the time of its first request. Refused set points are left out, because the controller did not take
 these set points. Set points without a captured reply are kept, because the controller may have taken these
-set points, and a gap in the trajectory would look like a jump.
+set points. Without these set points, a gap in the trajectory would look like a jump.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class ControllerState:
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
         """Add a session without set points to `pending_sessions`. If `pending_sessions` is full, remove and
-        return its oldest session; otherwise return None.
+        return the oldest pending session; otherwise return None.
         """
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:

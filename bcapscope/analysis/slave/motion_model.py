@@ -31,8 +31,8 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 JUMP_TIMES = 5.0
 """A step is an isolated jump if it is more than five times as large as each neighbouring step.
 
-No robot can change its speed this much within 8 ms. In a normal motion, an axis that moves far in one period
-also moves far in the period before or after.
+No robot can change its speed this much within 8 ms. In a normal motion, an axis that moves far in one
+period also moves far in a neighbouring period.
 """
 
 SMALLEST_JUMP = 0.2
@@ -44,7 +44,7 @@ second.
 LARGEST_STEP = 180.0
 """Largest distance between successive set points that can be normal motion, in degrees or mm. A longer
 distance is always a jump. At a cycle time of 8 ms, this distance means a speed of 22,500 degrees or mm per
-second. No source gives a speed limit for every axis, but no axis is nearly as fast as 22,500 per second.
+second. No source gives a speed limit for every axis, but a speed of 22,500 is far above any limit.
 """
 
 _FIGURE = "Fig"
