@@ -32,10 +32,10 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum number of kinds of call whose checkers are cached. When the cache is full, it is emptied."""
+"""Maximum size of the cache that gives the checkers for each kind of call. A full cache is emptied."""
 
 MAX_FLOWS = 65536
-"""Maximum number of flows that are remembered. When the set is full, it is emptied."""
+"""Maximum number of flows in the set of known flows. A full set is emptied."""
 
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 

@@ -143,8 +143,8 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Return the parent of each group: the group that contains the cause of `group.shown`. A link that would
-    close a cycle is left out.
+    """Map each group to its parent group, which contains the cause of the occurrence that the group shows. A
+    link that would close a cycle is left out.
     """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}

@@ -19,8 +19,9 @@ size.
 """
 
 LATEST_TIME = (1 << 62) - 1
-"""Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two times up to
-this limit fits into 64 bits. Later times, which occur only in damaged captures, are replaced by this limit.
+"""Latest time that can be stored, in ns since 1970; it is in the year 2116. With this limit, the difference
+between any two stored times fits into 64 bits. A later time, which only a damaged capture contains, is stored
+as `LATEST_TIME`.
 """
 
 _SERIAL = slice(5, 7)

@@ -31,7 +31,7 @@ count.
 """
 
 GRACE_NS = 200_000_000_000
-"""This time (in ns) after the end of a time slice, all calls of the slice are complete. If a call gets no
+"""Time in ns from the end of a time slice until all calls of the slice are complete. If a call gets no
 further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
@@ -124,8 +124,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. Nearly all calls are plain successes. `flush` counts many plain successes
-    together, which is faster than one by one.
+    """Counts calls of one kind. `flush` counts many successful calls at once, which is faster than one by
+    one.
     """
 
     def __init__(self) -> None:
@@ -288,10 +288,9 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    Captures are not always read in chronological order. `add_call` treats a call that starts more than
-    `GRACE_NS` before the latest call as the start of an older capture. At the start of an older capture,
-    `add_call` returns all unfinished slices. If the slice of a call was already returned, `add_call` begins a
-    second slice for the same time.
+    Captures are not always read in chronological order. If a call starts more than `GRACE_NS` before the
+    latest call, `add_call` returns all unfinished slices. If a call starts in a slice that was already
+    returned, `add_call` begins a second slice for the same period.
     """
 
     def __init__(self, nanoseconds: int) -> None:
