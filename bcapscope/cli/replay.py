@@ -151,10 +151,9 @@ def command(
     simulator. The action log records the calls that energise or move a robot. `replay` enters slave mode only
     if the robot is at the first set point; --anywhere skips this check.
 
-    As server, `replay` answers a client's requests from the recording. For each request, `replay` looks for
-    the next recorded call with the same function, command and arguments. Ctrl-C ends the server. In a shell
-    script, end a background `replay` with SIGTERM, as in kill $!. The background jobs of a shell script
-    ignore Ctrl-C (SIGINT).
+    As server, `replay` answers a client's request from the next recorded call with the same function, command
+    and arguments. Ctrl-C ends the server. In a shell script, end a background `replay` with SIGTERM, as in
+    kill $!. The background jobs of a shell script ignore Ctrl-C (SIGINT).
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
