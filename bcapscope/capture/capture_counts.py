@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 class CaptureCounts:
     """Numbers of packets and observations of a capture, as read so far.
 
-    A packet that yields no observation increases `packets`, possibly `cut`, and at most one other field.
+    A packet without observation is counted in `packets`, possibly in `cut`, and at most in one other field.
 
     Attributes:
         packets: Number of packets read.

@@ -134,9 +134,9 @@ class HexBlock:
         """Shorten or fill the block up to `offset`, which is the offset of the next row. Return False if
         `offset` does not fit the block.
 
-        If the block ends beyond `offset`, remove the bytes beyond `offset`: text that was mistaken for hex.
-        If the block ends before `offset`, `_fill_gap` handles the gap. `offset` is hexadecimal, decimal or
-        octal text.
+        If the last row ends beyond `offset`, remove the excess bytes: text that was mistaken for hex. If the
+        block ends before `offset`, `_fill_gap` handles the gap. `offset` is hexadecimal, decimal or octal
+        text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]

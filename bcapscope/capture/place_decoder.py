@@ -149,8 +149,8 @@ class _Source:
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Group the `PlacePlan` objects that have conversations in common. For example, two ring recordings with
-    several files each need one `PlacePlan` for each pair of files. The `PlacePlan` objects in a group are in
+    """Group the `PlacePlan` objects that have conversations in common. If two ring recordings have
+    several files, each pair of files has its own `PlacePlan`. The `PlacePlan` objects in a group are in
     chronological order.
     """
     groups: list[list[PlacePlan]] = []

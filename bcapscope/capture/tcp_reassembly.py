@@ -24,7 +24,7 @@ of controllers and their clients stay below 64 KiB. The limit of Suricata is als
 """
 
 ACK_LIMIT = 1 << 30
-"""bcapscope ignores an acknowledgement that is more than this many bytes ahead of the captured data.
+"""bcapscope ignores an acknowledgement that is more than this many bytes ahead of the delivered data.
 `ACK_LIMIT` is the size of the largest TCP window (RFC 7323, 2.3).
 """
 

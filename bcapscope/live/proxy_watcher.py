@@ -154,7 +154,9 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Write to the recording all records that were in the ring when this method began."""
+        """Write the relay's complete records to the recording. A record that may still be incomplete stays in
+        the ring until the next call of `record_available`.
+        """
         until = self.reader.bytes_written
         while self.reader.position < until and (records := self.reader.read_records(_RECORDS_PER_YIELD)):
             self._recorder.add_records(records)

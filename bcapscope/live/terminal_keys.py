@@ -44,7 +44,7 @@ class TerminalKeys:
     def read_keys(self) -> str:
         """Return the typed characters in lower case. Call this method when file descriptor 0 is readable.
 
-        At one press of Escape, return nothing. At the next press of Escape in a row, after any pause, return
+        At a first press of Escape, return nothing. If the next key is Escape again, after any pause, return
         two Escapes. Escape sequences, such as those of arrow keys, are removed.
         """
         data = os.read(0, 64)

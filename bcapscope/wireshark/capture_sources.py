@@ -250,7 +250,7 @@ def capture_sources() -> dict[str, CaptureSource]:
 
 _LINKTYPE_RAW = 101
 _UNQUOTABLE = str.maketrans("{}\r\n\t", "()   ")
-"""In extcap, a brace ends a value and a line end ends a sentence. extcap has no way to quote a character."""
+"""In extcap, braces enclose a value, and a line end ends a sentence. extcap cannot quote these characters."""
 
 _FILE_TYPES = "Scenarios (*.yaml *.yml);;All files (*)"
 

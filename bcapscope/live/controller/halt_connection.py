@@ -162,7 +162,7 @@ class HaltConnection:
 
     async def _handle_loss(self, reason: Reason) -> None:
         """Delay the next attempt to open the connection. If HALT is pending, the delay is `_REOPEN_DELAY`
-        seconds. If HALT is not pending, the delay is the interval of heartbeats.
+        seconds. If HALT is not pending, the delay is at most the interval of heartbeats.
 
         A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
         interrupt another motion.
