@@ -113,7 +113,7 @@ class CallStoreWriter:
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
         """Add a call or stray reply as a row.
 
-        Before you call `flush`, write the frames of `settled` to the observation store.
+        Before `flush`, the caller must write the frames of the call or stray reply to the observation store.
         """
         if isinstance(settled, StrayReply):
             number = settled.observation.number

@@ -133,8 +133,8 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent without a request from a client. A request counts only if the
-        pipeline joined the two legs of its conversation.
+        """Number of requests that a proxy sent without a request from a client. `own_requests` counts only
+        requests of conversations whose two legs the pipeline joined.
         """
         return 0 if self._joiner is None else self._joiner.own_requests
 

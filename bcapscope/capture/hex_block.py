@@ -106,8 +106,8 @@ class HexBlock:
         """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
         belong to the new block.
 
-        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row. A
-        note then says that the new block continues the block above.
+        If `offset` is 0 or too many rows follow the cut, cut before the last row instead, and add a note to
+        the new block.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = None
@@ -134,9 +134,9 @@ class HexBlock:
         """Shorten or fill the block up to `offset`, which is the offset of the next row. Return False if
         `offset` does not fit the block.
 
-        If the last row is too long, remove characters at its right end that were mistaken for hex. If rows
-        are missing, add the rows that an asterisk stands for, or add a note about the gap. `offset` is
-        hexadecimal, decimal or octal text.
+        If the last row ends beyond `offset`, remove the excess bytes: text that was mistaken for hex. If the
+        block ends before `offset`, `_fill_gap` handles the gap. `offset` is hexadecimal, decimal or octal
+        text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]

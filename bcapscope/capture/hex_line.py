@@ -63,7 +63,7 @@ class RepeatMark(msgspec.Struct, frozen=True):
 
 
 class EndOffset(msgspec.Struct, frozen=True):
-    """A line with a single number: either the offset after the last byte of a dump, or bytes."""
+    """A line of only 4 to 8 hex digits. The digits are either the offset at the end of a dump, or bytes."""
 
     digits: str
 
@@ -98,8 +98,8 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""Kinds of tokens that may follow the first token of a `_Run`; the key is the kind of the first token. The
-last token in a row of a dump can be shorter than the others, such as a pair after groups.
+"""For each kind of first token in a `_Run`, the kinds of tokens that may follow. The last token in a row of a
+dump can have fewer digits, such as 05 in "0102 0304 05".
 """
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")

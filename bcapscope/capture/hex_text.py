@@ -35,8 +35,8 @@ of real sessions have less than 10 KiB.
 """
 
 _LONGEST_COMPLETED = 1024
-"""Maximum size in bytes of a block that bcapscope completes with a few bytes from a line of prose. UDP frames
-have at most 503 bytes (orin_bcap dn_udp.h).
+"""A hex block of at most this many bytes can end on a line that also contains words. UDP frames have at most
+503 bytes (orin_bcap dn_udp.h).
 """
 
 LONGEST_CAPTION = 120
@@ -189,8 +189,8 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes on a line that also contains words. Bytes before the words may complete the
-        frame above. Bytes after the words may precede the bytes on the next line.
+        """Handle a few bytes on a line that also contains words. A line of words can begin with the last
+        bytes of the frame above, or end with the first bytes of the block below.
         """
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED

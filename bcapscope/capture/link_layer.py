@@ -34,8 +34,8 @@ _PPP_FRAMING = b"\xff\x03"
 _PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
-"""Address families of IP packets in LINKTYPE_NULL: AF_INET, then AF_INET6 of Linux, of NetBSD and OpenBSD, of
-FreeBSD, and of macOS.
+"""Address families of IP packets in LINKTYPE_NULL. AF_INET is 2. AF_INET6 is 10 on Linux, 24 on NetBSD and
+OpenBSD, 28 on FreeBSD, and 30 on macOS.
 """
 
 _HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60

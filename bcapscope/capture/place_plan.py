@@ -142,8 +142,8 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the conversations that two files share. Compare the beginning of the file that begins later with
-    packets from the middle of the other file.
+    """Return the conversations that two files share. Compare the beginning of the later file with packets
+    from the middle of the earlier file.
     """
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:

@@ -38,15 +38,15 @@ VARIANT may have any type.
 
 
 HELD_ITEMS_LIMIT = 64
-"""While the server of a conversation is unknown, bcapscope holds back at most this many items of the
-conversation. After `HELD_ITEMS_LIMIT` items, bcapscope guesses which end is the server. In real traffic, one
-S_OK reply or one request identifies the server, so one or two items are enough.
+"""While it is unknown which end of a conversation is the controller, bcapscope holds back each `TimedItem`.
+After this many items, bcapscope guesses which end is the controller. In real traffic, the first request or
+the first reply with S_OK identifies the controller.
 """
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""While the server of a conversation is unknown, bcapscope holds back items of at most this total size in
-bytes. After `HELD_BYTES_LIMIT` bytes, bcapscope guesses which end is the server. Frames of real sessions have
-less than 10 KiB. Up to 2,048 conversations at a time can have an unknown server.
+"""After bcapscope has held back this many bytes of a conversation, bcapscope guesses which end is the
+controller. Frames of real sessions have less than 10 KiB. The controller can be unknown in up to 2,048
+conversations at a time.
 """
 
 
@@ -75,8 +75,8 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEviden
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Return whether the arguments of a frame fit the function with its code. A frame with code 1 and no
-    argument does not count as Service_Start, because the frame may be a reply with S_FALSE.
+    """Return whether the arguments of a frame fit the function whose number is the frame's code. A frame with
+    code 1 and no argument does not count as Service_Start, because the frame may be a reply with S_FALSE.
     """
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
@@ -111,8 +111,8 @@ def is_whole_frames(data: bytes) -> bool:
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Decode a key: return the two endpoints that it contains. A key has both addresses and then both ports,
-    as in a packet.
+    """Return the two endpoints in `key`. `key` is the bytes of source address, destination address, source
+    port and destination port.
     """
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
@@ -163,7 +163,7 @@ class UndecidedConversation:
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        # End times of the streams. The key holds the stream's sender, and whether a RST ended the stream.
+        # End times of streams. Each key is the index of the sender, and whether a RST ended the stream.
         self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 

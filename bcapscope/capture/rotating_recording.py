@@ -134,8 +134,8 @@ class RotatingRecording:
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets in the pending blocks. The number is correct only if each `write` added one
-        block.
+        """Number of packets in the pending blocks. `packets_pending` is correct only if each call of `write`
+        added exactly one block.
         """
         return sum(map(is_packet_block, self._pending.copy()))
 

@@ -45,8 +45,8 @@ second, summed over all processors.
 """
 
 PAUSED_FOR = 60.0
-"""Seconds until the proxy again tries to set the wake-up limit. The proxy waits if Linux refused the wake-up
-limit, or if the host took too much processor time.
+"""Pause in seconds before the proxy tries again to set the wake-up limit. The pause begins if Linux refuses
+the wake-up limit, or if the host takes too much or an unknown amount of processor time.
 """
 
 _MEASURED_EVERY = 1.0
@@ -141,7 +141,7 @@ class CpuWakefulness:
 
     def _stolen_seconds(self) -> float:
         """Return the processor time in seconds that the host has taken from this virtual machine so far.
-        Return NaN if Linux does not use the haltpoll driver, or does not report the time.
+        Return NaN if Linux does not use the haltpoll driver, or does not report the taken processor time.
         """
         if sys.platform == "linux" and self._has_haltpoll:
             with suppress(OSError, IndexError, ValueError), _STATISTICS.open("rb") as file:

@@ -67,7 +67,7 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 
 
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
-    """Run a command that records to `pipe`. End the command when a reason arrives in the queue `ends`.
+    """Run a command that records to `pipe`, until the queue `ends` receives a reason to end the capture.
 
     The command runs in a child process, so that Wireshark does not read the command's standard error.
     Wireshark would show the command's messages as errors. The first signal ends the command gracefully.

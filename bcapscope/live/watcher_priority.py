@@ -32,8 +32,8 @@ LATE_AFTER = 0.2
 """
 
 OVERDUE_AFTER = 0.4
-"""If the watcher does not read new records within this many seconds, the watcher's urgency is `ALL`. Traffic
-is therefore recorded within a second.
+"""If the watcher does not read new records within this many seconds, the watcher's urgency is `ALL`. This
+limit keeps the recording at most a second behind the traffic.
 """
 
 MAX_RING_SHARE = 0.5

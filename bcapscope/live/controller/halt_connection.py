@@ -161,8 +161,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened. If HALT is pending, wait for `_REOPEN_DELAY` seconds;
-        otherwise, wait for the interval of heartbeats.
+        """Delay the next attempt to open the connection. If HALT is pending, the delay is `_REOPEN_DELAY`
+        seconds. If HALT is not pending, the delay is at most the interval of heartbeats.
 
         A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
         interrupt another motion.

@@ -88,8 +88,8 @@ class HistoryRecorder:
             self._complete_call(self._call, RecordOutcome.ABANDONED, ())
 
     def complete_raw_call(self) -> None:
-        """Finish the record of the raw bytes that were sent. The last frame that was received counts as the
-        reply to the raw bytes.
+        """Complete the record of raw bytes that the user sent. The last frame from the controller becomes the
+        reply in this record.
         """
         call = self._call
         if call is None:
