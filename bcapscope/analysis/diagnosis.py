@@ -32,7 +32,9 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum size of the dictionary `Diagnosis._handlers_by_kind`. `Diagnosis` empties a full dictionary."""
+"""Maximum size of the dictionary `Diagnosis._handlers_by_kind`. If the dictionary is full, `Diagnosis`
+empties the dictionary.
+"""
 
 MAX_FLOWS = 65536
 """Maximum number of flows in the set of known flows. A full set is emptied."""

@@ -264,8 +264,8 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return a copy of `finding` that names the first few consequences. If the copy does not name all
-    consequences, set `followed_by` in the copy.
+    """Return a copy of `finding` that names the first few consequences. If the copy of `finding` does not
+    name all consequences, set `followed_by` in the copy.
     """
     named: list[Consequence] = []
     time = root.shown.completed

@@ -142,7 +142,7 @@ def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
     """Map each group to its parent. The parent of a group is the group that contains the cause of
-    `group.shown`. Leave out a parent that would close a cycle.
+    `group.shown`. Leave out a parent that would close a cycle of causes.
     """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}

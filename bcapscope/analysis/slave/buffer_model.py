@@ -19,8 +19,8 @@ at which moment of a period the controller takes set points. The model assumes t
 set point at the earliest possible moment. The real deadlines may be up to one period later than the deadlines
 of the model. If a set point misses the model's deadline by at most one period, the model counts a possible
 underflow. If a set point misses the model's deadline by more than one period, the model counts a predicted
-underflow. The model predicts an overflow only if the buffer would be full at whichever moment the controller
-takes set points.
+underflow. The model predicts an overflow only if the buffer would be full no matter when in a period the
+controller takes set points.
 `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
 these numbers.
 """
@@ -162,10 +162,10 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The model does not know when in a period the controller takes set points. Therefore an overflow is
-        # certain only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set
-        # point, the limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the
-        # buffer never overflows.
+        # The model does not know when in a period the controller takes set points. An overflow is certain
+        # only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set point, the
+        # limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the buffer
+        # never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )

@@ -93,7 +93,8 @@ class ColumnReader:
 
         `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
         missing time stamp is None. To learn a template, `ColumnReader` calls `pick` with an argument that
-        has an index in place of each number. `pick` must choose numbers by position, never by value.
+        holds the index of each number instead of the number. `pick` must choose numbers by position,
+        never by value.
         """
         self._argument = argument
         self._pick = pick

@@ -14,7 +14,7 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 class SelectedSlaveSessions(PipelineSubscriber):
     """Finds the slave-mode sessions with set points that `is_selected` accepts. `is_selected` tests only set
-    points. Any call that is not a set point can begin or end a session.
+    points, because other calls may begin or end a session.
     """
 
     def __init__(

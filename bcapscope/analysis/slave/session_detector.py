@@ -46,8 +46,8 @@ SUSPECT_WITHIN_NS = 2_000_000_000
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
-No source gives `STILL_TAKING_NS`. bcapscope assumes that the robot brakes along its path for at most 25
-cycles of 8 ms.
+No source states the value of `STILL_TAKING_NS`. bcapscope assumes that the robot brakes along its path for
+at most 25 cycles of 8 ms.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
