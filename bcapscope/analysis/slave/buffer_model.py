@@ -163,8 +163,8 @@ class BufferModel:
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
         # The model does not know when in a period the controller takes set points. An overflow is certain
-        # only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set point, the
-        # limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the buffer
+        # only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set point,
+        # the limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the buffer
         # never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD

@@ -92,9 +92,8 @@ class ColumnReader:
         """Create a reader for the argument with the index `argument`.
 
         `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
-        missing time stamp is None. To learn a template, `ColumnReader` calls `pick` with an argument that
-        holds the index of each number instead of the number. `pick` must choose numbers by position,
-        never by value.
+        missing time stamp is None. To learn a template, `ColumnReader` replaces each number in the argument
+        of `pick` with the index of the number. `pick` must choose numbers by position, never by value.
         """
         self._argument = argument
         self._pick = pick

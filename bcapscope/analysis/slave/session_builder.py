@@ -87,8 +87,8 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Latest of these times, ns since 1970: the time of the last set point, the time of the reply to the
-        last set point, and `entered_at`. If the session has none of these times, `last_activity` is 0.
+        """Latest of these times, ns since 1970: last set point, reply to the last set point, and
+        `entered_at`. If the session has none of these times, `last_activity` is 0.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)

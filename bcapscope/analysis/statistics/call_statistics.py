@@ -21,7 +21,7 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. If there are more
+"""Maximum number of pairs of client and call kind that are counted separately. After `MAX_KINDS`
 pairs, bcapscope counts all new call kinds of a client together as `OTHER_KINDS`.
 """
 
