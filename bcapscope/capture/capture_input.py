@@ -83,7 +83,7 @@ class CaptureInput:
         self.decoder: PacketDecoder | PlaceDecoder = decoder
         self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(packets_of(captures))
         if len(expanded) > 1:
-            # bcapscope imports these two modules only for several captures, to save time for a single capture.
+            # To save time, bcapscope imports these modules only if there are several captures.
             from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415
             from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415
 

@@ -27,7 +27,7 @@ addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
 """Maximum number of packets whose comments the decoder keeps. bcapscope uses a packet's comments only shortly
-after it decodes the packet.
+after decoding the packet.
 """
 
 COMMENTS_BYTES = 4 * 1024 * 1024

@@ -65,8 +65,8 @@ class PlacePlan:
     Attributes:
         files: File captured at the client's side, and file captured at the controller's side.
         clock: How far the clock of the second file is ahead of the clock of the first.
-        shared: For each conversation in both files, the addresses captured at the client's side, and the
-            addresses captured at the controller's side.
+        shared: For each conversation in both files, the addresses at the client's side and at the
+            controller's side.
     """
 
     files: tuple[PlaceFile, PlaceFile]
@@ -78,8 +78,8 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
     """Find pairs of files that hold the same conversation. Return a `PlacePlan` for each pair. Each file
     belongs to at most one pair.
 
-    This function ignores files that cannot be read. bcapscope reports the read error when it decodes the
-    file. This function also ignores pipes, because bcapscope can read a pipe only once.
+    This function ignores files that cannot be read. bcapscope reports a file's read error later, when
+    decoding the file. This function also ignores pipes, because bcapscope can read a pipe only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}

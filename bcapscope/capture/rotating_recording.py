@@ -82,8 +82,8 @@ class RotatingRecording:
 
     One thread may add packets while another thread calls `flush`, but only if the recording is one file.
 
-    The caller calls `rotate_if_full` before each packet. A ring therefore begins a new file, and removes its
-    oldest file, only when there is a packet to write.
+    The caller calls `rotate_if_full` before each packet. A ring begins a new file, and removes its oldest
+    file, only when there is a packet to write.
 
     On a full disk, a ring removes its oldest file and continues. Each file takes at most half of the disk
     space that was free when the file began. Therefore the ring always has an older file to remove when the

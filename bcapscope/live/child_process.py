@@ -145,8 +145,8 @@ class ChildProcess:
         """If the command ends unexpectedly, call `on_end` with the last line that the command printed. If a
         signal killed the command, call `on_end` with "".
 
-        If the command has already ended, this method calls `on_end` at once. If not, another thread calls
-        `on_end` later.
+        If the command has already ended, this method calls `on_end` at once. If the command is still running,
+        another thread calls `on_end` later.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

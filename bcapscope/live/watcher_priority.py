@@ -58,8 +58,8 @@ class WatcherPriority:
     """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with the watcher at idle priority. `set_idle` switches the watcher to idle priority (True) or
-        to normal priority (False).
+        """Start with the watcher at idle priority. `set_idle(True)` switches the watcher to idle priority,
+        and `set_idle(False)` switches the watcher to normal priority.
         """
         self._ring = ring
         self._set_idle = set_idle
