@@ -233,9 +233,10 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         """Return the complete frames of a stream, with the following bytes as padding; None if no frame is
         complete.
 
-        Bytes outside any frame become raw layers. To avoid a fault of scapy 2.8, the result for `TCPSession`
-        holds all complete frames. If an unfinished frame follows two frames, scapy 2.8 loses track of the
-        stream. The result for a socket holds only one frame, so that scapy's `sr1` can identify a reply.
+        Bytes outside any frame become raw layers. For scapy's `TCPSession`, the returned packet holds all
+        complete frames, because scapy 2.8 has a bug: `TCPSession` loses track of the stream if an unfinished
+        frame follows two frames. For a scapy socket, the returned packet holds only one frame, so that
+        scapy's `sr1` can identify a reply.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -260,7 +261,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def is_response(self) -> bool:
-        """Whether the frame is a reply, or the notice S_EXECUTING."""
+        """Whether the frame is a reply. The notice S_EXECUTING is also a reply."""
         if "hresult" in self.fields or "function" in self.fields:
             return "hresult" in self.fields
         return self._is_from_controller() is True
@@ -368,10 +369,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return struct.pack("<H", self.serial)
 
     def answers(self, other: Packet) -> bool:
-        """Return whether this frame is the reply to the request `other`.
-
-        The notice S_EXECUTING is not a reply.
-        """
+        """Return whether this frame is a reply to the request `other`, but not the notice S_EXECUTING."""
         if not isinstance(other, BCAP) or not self.is_response or other.is_response:
             return False
         return bool(self.serial == other.serial and self.hresult != S_EXECUTING)

@@ -25,8 +25,8 @@ the same program.
 """
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of median cycle times. A client should keep its cycle time constant, so even a small
-difference is notable.
+"""If one capture's median cycle time exceeds the other capture's by more than this factor, the difference is
+notable. A client should keep its cycle time constant, so even a small difference is notable.
 """
 
 NOTABLE_MS = 0.2
@@ -61,8 +61,8 @@ class Difference:
     Attributes:
         subject: Kind of call to which the figure belongs, or number of the slave-mode session; None for all
             calls.
-        figure: Name of the figure. If a figure is part of the JSON of ``stats``, `figure` is its name in that
-            JSON.
+        figure: Name of the figure, such as `latency_ms.p50`. Figures in the JSON of ``stats`` have the same
+            names.
         good: Value in the first capture: a number or a word; None if the capture has no such value.
         bad: Value in the second capture, in the same form as `good`.
         notable: Whether the difference is too large for two captures of the same faultless program.
@@ -180,7 +180,6 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether a non-random event, such as a refusal, was notably more frequent in one capture."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 

@@ -83,11 +83,11 @@ class ClientState:
         session_end: The Service_Stop or Controller_Disconnect call that ended, or may have ended, the
             session; None while the session is open.
         latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not.
-            The key is the command in lower case. A write to @SERVO_ON has the key `motor`, and a Task_Start
-            of RobSlave has the key `robslave`.
+            The keys are commands in lower case. A write to @SERVO_ON counts as the command `motor`. A
+            Task_Start of RobSlave counts as the command `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
-            object, but got no successful reply. The class is removed when a later call opens an object of
-            this class.
+            object, but got no successful reply. When a later call opens an object, the class of this object
+            is removed from `failed_openings`.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
@@ -173,8 +173,8 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared the errors between the call `error` and the time `before`, ns
-        since 1970.
+        """Return whether another client cleared errors in the period from the request of `error` to `before`
+        (ns since 1970).
         """
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)

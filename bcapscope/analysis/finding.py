@@ -23,7 +23,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Repetition:
-    """How often the problem that a finding describes occurred.
+    """How often the problem of a finding occurred.
 
     Attributes:
         first: Time of the first occurrence, ns since 1970.

@@ -15,7 +15,9 @@ MAX_FINDINGS = 16
 """
 
 MAX_CALLS = 256
-"""The collector can look up the problems of at most this many calls by call number; it drops older calls."""
+"""Maximum number of calls whose problems the collector can look up by call number. To add another call, the
+collector drops the oldest call.
+"""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames that a finding lists for one occurrence of its problem."""
@@ -81,15 +83,12 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link the problem `occurrence` to its cause.
-
-        The cause is the first of these problems that exists:
+        """Link `occurrence` to its cause. The cause is the first of these problems that exists:
 
         - an injected fault in `occurrence.call`
         - the latest problem whose `explains` contains `occurrence.call`
         - the latest problem of a call in `occurrence.explaining_calls`
-        - the latest recent problem whose rule is in `possible_causes`; any problem of `occurrence.call`
-          counts as recent
+        - the latest problem that `_possible_causes` yields
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
@@ -128,8 +127,8 @@ class FindingCollector:
         the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
-        # Check the latest candidates first. If a late candidate can be the cause, `_leads_to` is not called
-        # for earlier candidates.
+        # Check the latest candidates first, so that `_leads_to` is not called for candidates that began
+        # before `best`.
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
@@ -153,6 +152,9 @@ class FindingCollector:
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
+        """Yield each problem that a rule in `possible_causes` reported recently or for `occurrence.call`. A
+        recent problem ended at most `cause_within_ns` before `occurrence`, on the same controller.
+        """
         earliest = occurrence.began - occurrence.rule.cause_within_ns
         host = occurrence.conversation.server.host
         for rule_id in occurrence.rule.possible_causes:
@@ -174,14 +176,14 @@ class FindingCollector:
         )
 
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
-        """Return the findings about selected calls, and their causes.
+        """Return the findings about selected calls, and the causes of these findings.
 
         Each root cause is followed by its consequences. Root causes of the same client are listed together.
         The client with the gravest root cause comes first. Among the root causes of one client, the gravest
-        comes first. Problems that stopped the robot are the gravest. Next are problems that kept the robot
-        from moving, then all others. Root causes with the same effect on the robot are sorted by severity,
-        then by time. A root cause is sorted by the worst effect and severity among the root cause and its
-        consequences.
+        comes first. Problems that stopped the robot are graver than problems that kept the robot from moving.
+        Problems without an effect on the robot are the least grave. Root causes with the same effect on the
+        robot are sorted by severity, then by time. A root cause is sorted by the worst effect and severity
+        among the root cause and its consequences.
 
         Args:
             provisional: Further problems that the returned findings include, but that are not added to the
@@ -262,7 +264,9 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Add the consequences to a finding: the first few one by one, the others as a range of numbers."""
+    """Return a copy of `finding` that names the first few consequences. If the copy of `finding` does not
+    name all consequences, set `followed_by` in the copy.
+    """
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):

@@ -15,7 +15,7 @@ def client_place(conversation: Conversation) -> ClientPlace:
 
 
 def call_place(call: Call) -> CallPlace:
-    """Return a value that a message shows as command or function with the first serial: `slvMove 250`."""
+    """Return a value that a message shows as `slvMove 250`: the command or function, and the first serial."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 

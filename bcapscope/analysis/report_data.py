@@ -118,9 +118,7 @@ class ReportDataBuilder(PipelineSubscriber):
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create an empty builder. The report also lists damaged frames of calls that `is_selected` leaves
-        out.
-        """
+        """Create an empty builder. The report covers the damaged frames of all calls, selected or not."""
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)
         self._statistics = StatisticsBuilder()
@@ -150,7 +148,7 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_selected(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add alike set points. The frames of alike set points have no problems."""
+        """Add set points without a check of their frames: `AlikeSetPoints` accepts only undamaged frames."""
         for call in calls:
             if self._is_selected is None or self._is_selected(call):
                 self._add_selected(call)

@@ -238,8 +238,8 @@ class _Problems:
 
 
 def _check_filter(expression: str) -> None:
-    """Raise an error if an expression is invalid both as a filter for frames and as a filter for calls. Of
-    the `FilterError` for frames and the `FilterError` for calls, raise the error with the larger `position`.
+    """Check that an expression is a valid filter for frames or for calls. If both filters are invalid, raise
+    the `FilterError` with the larger `position`.
     """
     errors = []
     for kind in RecordKind:

@@ -71,8 +71,8 @@ class GzipReader:
         """Return up to `size` decompressed bytes; b"" at the end.
 
         Raises:
-            CaptureError: The compressed data end early or are damaged. Earlier calls have returned all bytes
-                that precede the damage.
+            CaptureError: The compressed data end early or are damaged. The `GzipReader` first returns all
+                bytes that precede the damage, and then raises this error.
         """
         while True:
             if self._decompressor.eof and not self._next_member():

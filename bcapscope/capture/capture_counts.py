@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 class CaptureCounts:
     """Numbers of packets and observations of a capture, as read so far.
 
-    Apart from `packets` and `cut`, at most one field counts a packet that yields no observation.
+    A packet without observation is counted in `packets`, possibly in `cut`, and at most in one other field.
 
     Attributes:
         packets: Number of packets read.

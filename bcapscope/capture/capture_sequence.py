@@ -23,8 +23,8 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of entries in a `RunTable`. A `RunTable` of this size takes 40 MB. After a `RunTable` is
-full, the origins of later packets and frames are unknown.
+"""Maximum number of entries in a `RunTable`. A `RunTable` of this size takes 40 MB. If a `RunTable` is full,
+bcapscope cannot say which capture holds a later packet or frame.
 """
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
@@ -72,14 +72,14 @@ class CaptureSequence:
         """Prepare to read captures.
 
         Args:
-            names: Name that users see for each capture; the key is the path.
+            names: Mapping from the path of each capture to the name that users see.
             open_file: Function that opens the capture with a given path.
             on_problem: Function that receives the path and the error of a capture that cannot be read to its
                 end. Reading continues with the next capture.
-            clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
-                the path. If `clocks` is not None, the captures are read one after another in the order of
-                `paths`. Packets are not merged by time, because a clock's error can exceed the time between
-                two packets.
+            clocks: Mapping from the path of a capture to the clock of this capture. The times of captures in
+                `clocks` are converted to the clock at the client's side. If `clocks` is not None, the
+                captures are read one after another in the order of `paths`. Packets are not merged by time,
+                because a clock's error can exceed the time between two packets.
         """
         self.paths = list(paths)
         self.size: int | None = None
@@ -207,8 +207,8 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
 
 
 class RunTable:
-    """Converts a number to a pair `(source, number)`. For example, packet 1200 of all captures may be packet
-    200 of the second capture. One entry of the table covers a range of consecutive numbers.
+    """Converts one numbering to another. For example, packet 1200 of all captures may be packet 200 of the
+    second capture. Each entry of a `RunTable` converts a range of consecutive numbers.
     """
 
     def __init__(self) -> None:
@@ -217,7 +217,7 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Add an entry. For numbers from `start`, `find(start + n)` then returns `(source, number + n)`.
+        """Add an entry. For example, after `add(1001, 1, 1)`, `find(1200)` returns `(1, 200)`.
 
         If the latest entry has the same `start`, the new entry replaces the latest entry. If `find(start)`
         already returns `(source, number)`, the table does not change.
@@ -236,8 +236,8 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the pair `(source, number)` to which the table converts `number`; None if no entry covers
-        `number`.
+        """Return the source, such as the index of a capture, and the number within this source. Return None
+        if the table has no entry for `number`.
         """
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:

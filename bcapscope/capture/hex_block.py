@@ -19,7 +19,9 @@ LARGEST_BLOCK = 256 * 1024
 blocks."""
 
 MAX_ROWS = 16 * 1024
-"""Maximum number of rows per block. `MAX_ROWS` rows of 16 bytes each hold `LARGEST_BLOCK` bytes."""
+"""Maximum number of rows per block. If each row has 16 bytes, a block of `MAX_ROWS` rows has the size
+`LARGEST_BLOCK`.
+"""
 
 _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows of one block. After a longer gap, a new block
@@ -106,8 +108,8 @@ class HexBlock:
         """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
         belong to the new block.
 
-        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row. A
-        note then says that the new block continues the block above.
+        If `offset` is 0 or too many rows follow the cut, cut before the last row instead, and add a note to
+        the new block.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = None
@@ -134,9 +136,9 @@ class HexBlock:
         """Shorten or fill the block up to `offset`, which is the offset of the next row. Return False if
         `offset` does not fit the block.
 
-        If the last row is too long, remove characters at its right end that were mistaken for hex. If rows
-        are missing, add the rows that an asterisk stands for, or add a note about the gap. `offset` is
-        hexadecimal, decimal or octal text.
+        If the last row ends beyond `offset`, remove the excess bytes: text that was mistaken for hex. If the
+        block ends before `offset`, `_fill_gap` handles the gap. `offset` is hexadecimal, decimal or octal
+        text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -165,9 +167,9 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """If an asterisk stands for a gap of `count` bytes, fill the gap with copies of the last row. Without
-        an asterisk, leave the bytes of the gap out, and add a note that says how many bytes are missing.
-        Return False if the gap is too large.
+        """Handle a gap of `count` bytes after the last row. If an asterisk in the dump stands for the gap,
+        fill the gap with copies of the last row. If no asterisk stands for the gap, add a note that says how
+        many bytes are missing. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

@@ -34,8 +34,8 @@ _PPP_FRAMING = b"\xff\x03"
 _PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
-"""Address families of IP packets in LINKTYPE_NULL: AF_INET, then AF_INET6 of Linux, of NetBSD and OpenBSD, of
-FreeBSD, and of macOS.
+"""Address families of IP packets in LINKTYPE_NULL. AF_INET is 2. AF_INET6 is 10 on Linux, 24 on NetBSD and
+OpenBSD, 28 on FreeBSD, and 30 on macOS.
 """
 
 _HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
@@ -135,8 +135,8 @@ def _ppp(data: bytes) -> int:
 def _loopback(data: bytes) -> int:
     """Return the offset of the IP header in a loopback packet, or `NOT_IP`.
 
-    Before the IP header is the address family, in the byte order of the capturing machine (in network order
-    for LINKTYPE_LOOP).
+    A loopback packet begins with the address family. The address family has the capturing machine's byte
+    order, or network byte order for LINKTYPE_LOOP.
     """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP

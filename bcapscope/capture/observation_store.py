@@ -39,8 +39,8 @@ class _FrameRecord(msgspec.Struct, array_like=True):
     """Stored form of an observation. `conversation` is the number of the observation's conversation.
 
     Text is stored as bytes (see `encode_text`). `function_id` is None if the kind of the call is unknown.
-    `missing` is None for a frame. `problems` lists the problems that the bytes do not show; each problem has
-    offset, code and reason.
+    `missing` is None for a frame. `problems` holds only problems that cannot be found again in `raw`. Each
+    problem is a tuple of offset, code and reason.
     """
 
     time: int

@@ -26,21 +26,22 @@ CONVERSATIONS_LIMIT = 10_000
 addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments are kept. Older comments are not needed, because bcapscope reads
-the comments of a packet soon after the packet.
+"""Maximum number of packets whose comments the decoder keeps. bcapscope uses a packet's comments only shortly
+after decoding the packet.
 """
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Maximum size in bytes of all kept comments together. If the size is larger, the oldest comments are
-dropped, but never the comments of the latest packet.
+"""Maximum size in bytes of all kept comments together. To stay within `COMMENTS_BYTES`, the decoder drops the
+oldest comments, but never the comments of the latest packet.
 """
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
-"""Header fields of a UDP packet over Ethernet: Ethernet type; IPv4 version and header size, length,
-fragmentation and protocol; addresses and ports; UDP length. All fields are big-endian.
+"""Seven big-endian header fields of a UDP packet over Ethernet. The Ethernet header has the type. The IPv4
+header has the version and header size, length, fragmentation and protocol. The last two fields are the
+addresses with the ports, and the UDP length.
 """
 
 _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
@@ -63,8 +64,8 @@ class PacketDecoder:
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
         """Create a decoder that knows no conversation yet.
 
-        The end whose port is in `ports` is the server. If neither port is in `ports`, the content shows which
-        end is the server. The decoder ignores packets of interfaces whose name does not begin with
+        The end whose port is in `ports` is the controller. If neither port is in `ports`, the content shows
+        which end is the controller. The decoder ignores packets of interfaces whose name does not begin with
         `interface_prefix`.
         """
         self.counts = CaptureCounts()
@@ -83,16 +84,16 @@ class PacketDecoder:
     def conversations(self) -> tuple[Conversation, ...]:
         """The first `CONVERSATIONS_LIMIT` conversations, in the order of their first observation.
 
-        The attribute `server_evidence` of a conversation states how its server was identified.
+        The attribute `server_evidence` of a conversation states how bcapscope identified the controller.
         """
         return tuple(self._conversations)
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[Observation]:
         """Yield an observation for each frame, for each run of bytes that are not a frame, and for each gap.
 
-        An observation is yielded once it is complete. While the server of a conversation is unknown, the
-        decoder holds back the observations of that conversation. If `decode` is called again, the observation
-        numbers continue.
+        The decoder yields each observation as soon as the observation is complete. While it is unknown which
+        end of a conversation is the controller, the decoder holds back the observations of this conversation.
+        If `decode` is called again, the observation numbers continue.
 
         Raises:
             CaptureError: Reading `packets` failed. Before this error, the iterator yields all observations
@@ -101,7 +102,7 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # on the fast path, frame and packet numbers rise together without `note`
+        note = self.note_packet  # the fast path need not call `note`: each packet there holds one frame
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:

@@ -17,7 +17,7 @@ MAGICS = {
     b"\x4d\x3c\xb2\xa1": ("<", 1),
     b"\xa1\xb2\x3c\x4d": (">", 1),
 }
-"""Byte order of a pcap file, and resolution of its times in ns; the key is the file's magic number."""
+"""For each magic number of a pcap file: the byte order, and the resolution of packet times in ns."""
 
 RECORD_LIMIT = 256 * 1024
 """Largest packet in bytes. libpcap refuses larger packets for every link type that carries IP (pcap-int.h,

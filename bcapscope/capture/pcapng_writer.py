@@ -24,8 +24,8 @@ _LONGEST_OPTION = 65535
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Function that returns the pcapng blocks of two packets that end with the same bytes. The function's
-arguments are the times of the two packets, ns since 1970, and the bytes at the end of each packet.
+"""Function that encodes the same data as two packets, and returns their pcapng blocks. A `PacketPairEncoder`
+has three arguments: the times of both packets in ns since 1970, and the data.
 """
 
 
@@ -62,8 +62,8 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the blocks of `count` packets. A `PacketPairEncoder` of this writer must have made the
-        blocks.
+        """Write the blocks of `count` packets. `blocks` must come from functions that `pair_encoder`
+        returned.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
@@ -78,8 +78,7 @@ class PcapngWriter:
         separately takes twice as long.
 
         `first` and `second` describe the two packets: each packet's interface, and the headers with which the
-        packet begins. Both packets end with the same data: the `size` bytes that the returned function
-        receives.
+        packet begins. The data after the headers are the same in both packets, and have `size` bytes.
 
         Raises:
             OSError: The description of a new interface cannot be written, such as on a full disk.
@@ -108,8 +107,8 @@ class PcapngWriter:
         return make
 
     def _constant_parts(self, interface: Interface, head: bytes, size: int) -> tuple[bytes, bytes, bytes]:
-        """Return the three constant parts of a packet block. Between the constant parts are the packet's time
-        and the packet's last `size` bytes.
+        """Return the three constant parts of a packet block. The block is the first part, the packet's time,
+        the second part, `size` bytes of data, and the third part.
         """
         number = self._interfaces.get(interface)
         if number is None:

@@ -78,7 +78,9 @@ class PlaceDecoder:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of all captures. Captures that belong to a `PlacePlan` come first."""
+        """Paths of all captures: first the captures that were paired because of a shared conversation, then
+        the others.
+        """
         return [path for source in self._sources for path in source.sequence.paths]
 
     @property
@@ -117,8 +119,8 @@ class PlaceDecoder:
 
 
 class _Source:
-    """The captures that one decoder reads. All sources share one numbering of packets; `base` is the number
-    of packets in the sources before this one.
+    """The captures that one `PacketDecoder` reads. Packet numbers continue from one `_Source` to the next:
+    `base` is the number of packets in all earlier `_Source` objects.
     """
 
     def __init__(
@@ -149,8 +151,9 @@ class _Source:
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Group the plans that have conversations in common. For example, two ring recordings of the same
-    conversation lead to several plans. The plans in a group are in chronological order.
+    """Group the `PlacePlan` objects that have conversations in common. If two ring recordings have
+    several files, each pair of files has its own `PlacePlan`. The `PlacePlan` objects in a group are in
+    chronological order.
     """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
@@ -163,9 +166,9 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return one dictionary for the client's side and one for the controller's side. Each dictionary has the
-    `CaptureSide` of every conversation in `PlacePlan.shared`. The key is the `ConversationEnds` captured on
-    the same side.
+    """Return one dictionary for the client's side and one for the controller's side. Both dictionaries
+    have a `CaptureSide` for every conversation in `PlacePlan.shared`. Each dictionary's keys are the
+    `ConversationEnds` that were captured at the dictionary's side.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

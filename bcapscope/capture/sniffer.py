@@ -1,10 +1,10 @@
 """`python -m bcapscope.capture.sniffer INTERFACE`: capture with scapy, in a separate process.
 
-scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
-License 2.0. The two licences do not permit both libraries in one program. Therefore scapy runs in a separate
-process that loads only scapy and Python's standard library. The process sends packets through a pipe.
+The licences of scapy and google-re2 do not permit both libraries in one program. scapy is under the GPL,
+version 2 only; the wheel of google-re2 contains code under the Apache License 2.0. bcapscope's filters use
+google-re2. Therefore scapy runs in a separate process that loads only scapy and Python's standard library.
 
-The process writes records to standard output: a `RECORD_HEADER`, then the data of the record.
+The scapy process writes records to a pipe at standard output: a `RECORD_HEADER`, then the record's data.
 """
 
 from __future__ import annotations

@@ -96,8 +96,8 @@ class SocketRecording:
         return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write `pairs` datagrams, each as two packets. A function from `datagram_pair_encoder` must have
-        made `blocks`.
+        """Write the encoded datagrams in `blocks`. `pairs` is the number of datagrams; each datagram has two
+        packets. `blocks` must come from functions that `datagram_pair_encoder` returned.
         """
         self._writer.write_blocks(blocks, 2 * pairs)
 

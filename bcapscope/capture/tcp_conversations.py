@@ -1,4 +1,4 @@
-"""TCP conversations of a capture: find and reassemble b-CAP connections, and detect their servers."""
+"""TCP conversations of a capture: find and reassemble b-CAP connections, and detect the controllers."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 class _TrackedConnection:
     """A TCP connection, its two ends and its conversation.
 
-    `keys` holds the key of packets from sender 0, then the key of packets from sender 1. `keys` holds only
-    one key if both ends have the same address and port, as in a forged packet.
+    Each key in `keys` holds the addresses and ports in packets from one sender. The first key belongs to
+    sender 0. `keys` holds only one key if both ends have the same address and port, as in a forged packet.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
@@ -52,7 +52,7 @@ class TcpConversations:
     ) -> None:
         """Create an object that follows no connection yet.
 
-        An end whose port is in `ports` is a server. The object updates `contradictions` and `not_bcap` in
+        An end whose port is in `ports` is a controller. The object updates `contradictions` and `not_bcap` in
         `counts`.
         """
         self._ports = ports
@@ -65,7 +65,7 @@ class TcpConversations:
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a segment, and return the items of conversations whose server is now known.
+        """Accept a TCP segment, and return each `TimedItem` that can now be assigned to a `Flow`.
 
         `key` is the bytes of source address, destination address, source port and destination port, as in the
         packet.

@@ -24,8 +24,8 @@ of controllers and their clients stay below 64 KiB. The limit of Suricata is als
 """
 
 ACK_LIMIT = 1 << 30
-"""Maximum number of bytes that an acknowledgement can confirm beyond the captured data. The limit is the size
-of the largest TCP window (RFC 7323, 2.3).
+"""bcapscope ignores an acknowledgement that is more than this many bytes ahead of the delivered data.
+`ACK_LIMIT` is the size of the largest TCP window (RFC 7323, 2.3).
 """
 
 MARKS_LIMIT = 128
@@ -34,7 +34,7 @@ together keep at most 25 MB of arrival times.
 """
 
 _SEGMENT_COST = 128  # memory in bytes that a held segment needs in addition to its content
-_RECENT = 16  # retransmissions are compared with at most this many latest segments of the stream
+_RECENT = 16  # number of latest segments of a stream with which a retransmission is compared
 _LONGEST_RECENT = 2048  # number of bytes to compare per segment; more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
@@ -133,14 +133,14 @@ class TcpStream:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether a FIN was captured, or segments are held because earlier bytes are missing."""
+        """True if a FIN was captured, or if segments are held because earlier bytes are missing."""
         return bool(self._ahead) or self._end_offset is not None
 
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
-        """Accept the next segment if it is exactly one frame. This is a fast path.
+        """Fast path: accept a segment that comes next in the stream and holds exactly one frame.
 
-        Call this method only while `is_waiting` is False. For any other segment, return None and consume
-        nothing; the caller then calls `receive`.
+        Call this method only while `is_waiting` is False. If this method returns None, the stream has not
+        changed; call `receive` with the same segment.
         """
         _, seq, _, data, _ = segment
         if (
@@ -234,8 +234,8 @@ class TcpStream:
         """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
         unchanged.
 
-        The first and the last `_ArrivalMark` give the times of a long frame. The other marks matter only if
-        the length field is wrong, so that the bytes contain several frames.
+        The first and the last `_ArrivalMark` give the times of a long frame. The arrival marks in between
+        matter only if a wrong length field made several frames look like one.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
@@ -351,9 +351,10 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Accept a segment that is in order and holds exactly one frame or no data. Nearly all segments do.
+        """Fast path for nearly all segments: accept a segment that is in order and holds one frame or no
+        data.
 
-        For any other segment, return None and consume nothing; the caller then calls `receive`.
+        If this method returns None, the connection has not changed; call `receive` with the same segment.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:

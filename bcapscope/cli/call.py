@@ -345,9 +345,8 @@ def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
 
 def _too_many_text(function: Function, params: Sequence[Param], texts: Sequence[str]) -> str:
     extra = texts[len(params) :]
-    verb = "is" if len(extra) == 1 else "are"
     quoted = ", ".join(repr(shortened(text, _LONGEST_SHOWN)) for text in extra)
-    text = f"{function.name} takes {_names_of(params)}; {quoted} {verb} too many"
+    text = f"{function.name} takes {_names_of(params)}. Remove {quoted}"
     if params and params[-1].type == "VARIANT":
         joined = shortened(",".join(texts[len(params) - 1 :]), _LONGEST_SHOWN)
         text += f". If {params[-1].name} has several values, separate them with commas: {joined}"

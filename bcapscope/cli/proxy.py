@@ -143,8 +143,8 @@ def command(
     Rules change or refuse traffic. The proxy applies its rules to each message in this order: scripts
     (--script), held messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block,
     --allow-command). With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope
-    proxy ctl ADDRESS`. When the proxy ends, it sends all held replies. It sends a held request only if this
-    request stops the robot, and drops all other held requests.
+    proxy ctl ADDRESS`. When the proxy ends, it sends all held replies and drops all held requests except
+    stops.
 
     All scripts run in one separate process. Messages that a script can change wait for the script; stops
     never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process
@@ -237,7 +237,7 @@ class _ProxyRun:
                 announce_ready(listening, control.address if control else "")
                 proxy.end_with_parent()
                 return
-            # the watcher prints the greetings, because the watcher redraws the last line of the terminal
+            # this process must not print here, because the watcher process redraws the terminal's last line
             for greeting in greetings:
                 proxy.relay.notify(greeting)
 

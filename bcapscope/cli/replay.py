@@ -151,9 +151,9 @@ def command(
     simulator. The action log records the calls that energise or move a robot. `replay` enters slave mode only
     if the robot is at the first set point; --anywhere skips this check.
 
-    As server, `replay` sends the recorded reply of the next call with the same function, command and
-    arguments. Ctrl-C ends the server. In a shell script, end a background `replay` with SIGTERM, as in kill
-    $!. The background jobs of a shell script ignore Ctrl-C (SIGINT).
+    As server, `replay` answers a client's request from the next recorded call with the same function, command
+    and arguments. Ctrl-C ends the server. In a shell script, end a background `replay` with SIGTERM, as in
+    kill $!. The background jobs of a shell script ignore Ctrl-C (SIGINT).
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
@@ -248,9 +248,9 @@ class _PreflightCheck:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check each series of set points. If a series fails the check, print the results of all failed
-        series and exit. A successful check prints results only if `shown` is True; --quiet suppresses the
-        results of a successful check.
+        """Check each series of set points. If a series of set points fails the pre-flight check, print the
+        results of every failed series and exit. If all series pass, print results only if `shown` is True
+        and the user did not choose --quiet.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

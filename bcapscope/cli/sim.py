@@ -102,9 +102,9 @@ def _behaviour_lines() -> Iterator[str]:
 @click.option(
     "--no-argument",
     type=click.Choice([each.value for each in NoArgument]),
-    help='Choose the replies that carry no VARIANT, not even EMPTY: "never" (no reply), "slvchangemode" '
-    '(only replies to slvChangeMode) or "always" (all replies without a value). By default, the '
-    'profile rc7 uses "slvchangemode", and the other profiles use "never".',
+    help='Omit the EMPTY VARIANT from replies that have no value: "never", "slvchangemode" (only from '
+    'replies to slvChangeMode) or "always". By default, the profile rc7 uses "slvchangemode", and the '
+    'other profiles use "never".',
 )
 @click.option("--listen", metavar="HOST", default="127.0.0.1", help="Listen on this address of this machine.")
 @click.option(

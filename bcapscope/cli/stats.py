@@ -23,9 +23,9 @@ from bcapscope.render.statistics_text import (
 def command(**given: Any) -> None:
     """Show figures about the calls in captures, by client and by command.
 
-    Each row shows the figures of all calls, of one client, or of one command of a client. Line time is the
-    total latency of a row's calls, as a share of the total time. Latency is the time from the first attempt
-    of a call to its accepted reply.
+    Each row shows the figures of all calls, of one client, or of one command of a client. The column
+    "line time" shows the sum of the latencies of a row's calls, as a percentage of the total time.
+    Latency is the time from the first attempt of a call to its accepted reply.
 
     Exit codes: as for `decode`.
     """

@@ -12,8 +12,8 @@ R = TypeVar("R")
 
 
 class Blocking:
-    """Runs coroutines to their end. When the `with` block of a `Blocking` ends, all context managers that
-    `enter` entered are exited.
+    """Runs coroutines to their end. The end of the `with` block also exits every context manager that was
+    passed to `enter`.
 
         with Blocking() as wait:
             service = wait.enter(connect(over_udp("192.168.0.1")))
@@ -32,9 +32,7 @@ class Blocking:
         return self._runner.run(step)
 
     def enter(self, context: AbstractAsyncContextManager[R]) -> R:
-        """Enter an asynchronous context manager. When the `with` block of this `Blocking` ends, the context
-        manager is exited.
-        """
+        """Enter an asynchronous context manager, and return the result of its `__aenter__`."""
         return self._runner.run(self._stack.enter_async_context(context))
 
     def __enter__(self) -> Self:

@@ -31,7 +31,7 @@ def first_variant(reply: Frame) -> Variant | None:
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
-    The error text names the expected type with the message whose id is `wanted`.
+    `wanted` is the id of the message that names the expected type in the error text.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
@@ -41,8 +41,8 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply; raise RemoteProtocolError if the reply has no value. `name` describes the
-    value in the error text.
+    """Return the value in a reply; raise RemoteProtocolError if the reply has no value. The error text
+    contains `name`, such as the name of a variable or a command.
     """
     variant = first_variant(reply)
     if variant is None:

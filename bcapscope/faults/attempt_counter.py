@@ -76,8 +76,8 @@ class AttemptCounter:
         )
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
-        """Return the call of an earlier request with the same serial and content. This method does not count
-        an attempt.
+        """Return the call of an earlier attempt with the same serial and content as `request`, if any.
+        Unlike `add_frame`, `find_same_request` does not count `request` as an attempt.
         """
         serials = self._conversations.get(flow.conversation)
         known = serials.get(request.serial) if serials else None

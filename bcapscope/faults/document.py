@@ -231,8 +231,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Follow a path into a document. The first result lists the structs that fit the innermost object on the
-    path. The second result lists the possible types of the last field on the path.
+    """Return two lists about the field at `path`: the structs that may contain the field, and the field's
+    types. If the field holds an object, the first list has the structs that fit the object.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)

@@ -101,8 +101,8 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         )
 
     def initial_state(self) -> Any:
-        """Return a new object in which the fault keeps data between messages. `draw` and `apply` may change
-        the returned object.
+        """Return a new value for `ActiveFault.state`. `draw` and `apply` may store data in
+        `ActiveFault.state` for later messages.
         """
         return {}
 
@@ -111,7 +111,7 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
-        """Change the message with the random numbers from `draw`. Return a message that says what the fault
-        did; None if nothing changed.
+        """Apply the fault to the b-CAP message. `drawn` holds the random numbers that `draw` returned. Return
+        a message to the user about the effect of the fault; None if nothing changed.
         """
         raise NotImplementedError

@@ -66,8 +66,8 @@ class _QueuedOutput:
     """An output in the queue of the injector.
 
     Attributes:
-        output: The output to send; None after the injector has queued the output again for another time.
-        behind: How many later messages of the flow must still overtake the output.
+        output: The output to send; None after the output has moved to another `_QueuedOutput`.
+        behind: How many more messages of the same flow must be sent before the output.
         size: Number of bytes that the output adds to the total for `MAX_WAITING`.
     """
 
@@ -158,8 +158,8 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Return whether TCP streams must be split into frames. If no stream needs to be split,
-        `process_message` accepts pieces of any size.
+        """Return whether TCP streams must be split into frames. If this method returns False,
+        `process_message` accepts stream data of any length.
         """
         return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
@@ -338,7 +338,7 @@ class FaultInjector:
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
         """Queue bytes for sending at `due`. Bytes of a stream are sent after all earlier bytes of the stream.
-        Also queue each reordered message that waited only for these bytes to overtake it.
+        Then queue each reordered message that enough later messages have overtaken.
         """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
@@ -366,8 +366,8 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay, because faults already hold too many bytes. If the datagram
-    itself has no delay, drop only its delayed copies.
+    """Drop a datagram that faults would delay. If faults would delay only copies of the datagram, drop only
+    the delayed copies.
     """
     if faulted.delay or faulted.held_behind:
         faulted.drop()

@@ -375,8 +375,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
     """Drop datagrams, and hold the bytes of streams until the partition ends.
 
-    The receiver gets the bytes of a stream late, as if TCP had sent the bytes again. A partition without an
-    end drops the bytes of streams.
+    The receiver gets the bytes of a stream late, as if TCP had sent the bytes again. Without the field
+    `lasts`, the partition never ends, so the fault also drops the bytes of streams.
     """
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:

@@ -41,7 +41,7 @@ In a YAML file, every value needs the name of its field:
       - {action: drop, probability: 5%, direction: response, try: 1}
       - {action: delay, time: 3ms, jitter: 1ms, times: 5, if: command == slvMove}
 
-In a YAML file, these fields hold the main values of the other actions:
+This list names an action, then the YAML fields that hold the action's main value:
 
     duplicate copies   reorder by       corrupt bits     truncate keep   garbage size
     burst enter leave  bandwidth rate   answer hresult   serial by       executing time

@@ -110,7 +110,7 @@ class Rate(float):
 
 
 class HresultQuantity(int):
-    """An unsigned HRESULT. Users write its name, or a signed or unsigned number."""
+    """An unsigned HRESULT. Users write an HRESULT as a name, a signed number or an unsigned number."""
 
     @classmethod
     def read(cls, written: object) -> Self:
@@ -197,8 +197,8 @@ class Span:
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end if the number is outside the range. If the number is NaN,
-        return the lower end, or the upper end if the lower end is infinite.
+        """Return the number, or the nearest end of the range if the number is outside the range. For NaN,
+        return `low` if `low` is finite, else `high`.
         """
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high

@@ -41,14 +41,14 @@ array has the index 0.
 
 
 class _LastMessage(NamedTuple):
-    """The last message of a series of similar messages. The field `step` of a `RewriteFault` limits how far
-    numbers in the next message may differ from the last message.
+    """The latest message of a series of similar messages. The field `step` of a `RewriteFault` limits how
+    much a number may change from one message of the series to the next.
 
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Last forwarded value for each path in the field `step` of the `RewriteFault`. The key is
-            the position of the path in `step`.
+        step_base: Latest forwarded value of each argument or element that `step` limits. The key 0 belongs
+            to the first path in `step`, the key 1 to the second path, and so on.
         size: Number of bytes of the frame after decompression.
     """
 
@@ -122,7 +122,7 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit how far each number in the field `step` differs from its value in the last similar message.
+        """Limit how much a number may change from the latest similar message to `frame`.
 
         A retry gets the same values as the first attempt. A retry with other values than the first attempt
         would make the controller execute a new call.

@@ -30,8 +30,9 @@ BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
 The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
-watcher answers with a JSON list of `ClosingRequests`. Any other message from the relay is advice for the
-user. The watcher prints the relay's advice if the proxy is too slow.
+watcher answers with a JSON list of `ClosingRequests`. A message from the relay that is neither `BEGIN` nor
+`CLOSE_SESSIONS` is advice for the user. When the watcher warns the user of a slow proxy, the watcher adds the
+relay's latest advice.
 """
 
 INCOMPLETE = 6
@@ -45,8 +46,8 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
     """Frames that the proxy sends to close a session, if a UDP client left this session open. The proxy sends
     each frame after the reply to the previous frame.
 
-    `open_state` is an encoded message (see `encode_message`). The message says what the client left open
-    besides handles, such as slave mode. If the client left only handles open, `open_state` is b"".
+    `open_state` is an encoded message (see `encode_message`). The message says whether the client left slave
+    mode on, kept the arm, or both. If the client left only open handles, `open_state` is b"".
     """
 
     client: int
@@ -92,8 +93,8 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame. `note` says in the user's language what rules of the proxy did to the frame; "" if
-        nothing.
+        """Receive a frame. `note` says in the user's language how the proxy's rules affected the frame; "" if
+        no rule did.
         """
 
     def report_if_due(self, client_count: int) -> None:

@@ -49,8 +49,8 @@ _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
 _MAX_PAIR_ENCODERS = 1024
-"""Maximum number of cached packet encoders. There is one encoder for each client, direction and size. When
-the cache is full, it is emptied.
+"""Maximum number of cached packet encoders. Each client, direction and datagram size has its own encoder. A
+full cache is emptied.
 """
 
 
@@ -138,10 +138,10 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return one packet number for each of the next `count` records: the number of the record's last
-        packet on the client's leg. If a record has no packet on the client's leg, the number is 0.
+        """For each of the relay's next `count` records, return the number of the last packet on the client's
+        leg. If a record has no packet on the client's leg, the number is 0.
 
-        The numbers are valid only for a recording in one file.
+        The packet numbers are valid only for a recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count

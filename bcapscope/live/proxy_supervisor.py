@@ -199,8 +199,8 @@ class ProxySupervisor:
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # `realtime_priority` locks the stack of every existing thread into memory. `idle_priority_switch`
-            # starts a thread, so `idle_priority_switch` runs only after `realtime_priority`.
+            # Call `idle_priority_switch` after `realtime_priority`, because `idle_priority_switch` starts a
+            # thread. `realtime_priority` locks the stack of every existing thread into memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -286,7 +286,7 @@ class ProxySupervisor:
             self._raise_if_ended()
 
     def _raise_if_ended(self) -> None:
-        if self._read_signals(1):  # a second signal stays in the socket for `must_end_now`
+        if self._read_signals(1):  # reads one signal; `must_end_now` reads further signals
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
@@ -339,8 +339,8 @@ class ProxySupervisor:
         """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
         sessions. A closed pipe means that the watcher has ended.
 
-        This method never waits for a message. If this method waited after an earlier call had read the
-        message, the relay and the watcher would wait for each other.
+        This method never waits for a message. If the method waited for a message that was already read, the
+        relay and the watcher would block each other.
         """
         try:
             if not self._watcher_pipe.poll():

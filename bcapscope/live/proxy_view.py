@@ -48,7 +48,7 @@ class ProxyView(PipelineSubscriber):
         self._first_time = 0
 
     def add_frame(self, observation: Observation, note: Message | None) -> None:
-        """Render a frame. `note` says what rules of the proxy did to the frame; None if they did nothing."""
+        """Render a frame. `note` says how the proxy's rules affected the frame; None if no rule did."""
         if not self._first_time:
             self._first_time = observation.time
             self._frame_lines.set_time_origin(observation.time)

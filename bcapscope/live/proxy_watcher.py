@@ -65,8 +65,9 @@ would take longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Maximum age in ns of undecoded traffic. If the watcher has a subscriber, `_PUBLISHED_WITHIN_NS` applies. If
-undecoded traffic is older than the maximum age, the watcher does not pause between polls.
+"""Maximum age in ns of undecoded traffic: `_PUBLISHED_WITHIN_NS` if the watcher has a subscriber,
+`_SHOWN_WITHIN_NS` if not. If undecoded traffic is older than the maximum age, the watcher does not pause
+between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
@@ -92,7 +93,7 @@ To yield the processor takes a quarter of the time that the watcher needs to dec
 _CATCHES_UP_WITHIN = 10.0
 """Maximum time in seconds for decoding the remaining records after the relay has ended.
 
-Recording has no such limit: all remaining records are recorded.
+The watcher writes all remaining records to the recording, without a time limit.
 """
 
 
@@ -154,7 +155,9 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record what the relay has written so far. The latest records may be recorded at the next call."""
+        """Write the relay's complete records to the recording. A record that may still be incomplete stays in
+        the ring until the next call of `record_available`.
+        """
         until = self.reader.bytes_written
         while self.reader.position < until and (records := self.reader.read_records(_RECORDS_PER_YIELD)):
             self._recorder.add_records(records)
@@ -165,8 +168,8 @@ class RecorderTask:
 class ProxyWatcher:
     """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic.
 
-    The watcher needs limited memory: undecoded records wait in the ring, and all subscribers limit their
-    data.
+    The watcher's use of memory is limited, because undecoded records wait in the ring, and all subscribers
+    limit their data.
     """
 
     def __init__(
@@ -227,8 +230,8 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record all new records of the ring, then decode for at most `_DECODE_FOR` seconds. Return how many
-        seconds to wait before the next poll.
+        """Write the relay's new records to the recording, then decode for at most `_DECODE_FOR` seconds.
+        Return how many seconds to wait before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -243,8 +246,9 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: new traffic arrives, the ring has space, and no record
-        is too old.
+        """Return whether the watcher may pause while undecoded records wait in the ring.
+
+        The watcher may pause only if new traffic arrives, the ring has space, and no record is too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
@@ -313,7 +317,7 @@ class ProxyWatcher:
         self._view.lines = []
 
     def _do_periodic_work(self) -> None:
-        """Complete old calls, print findings and update the status, even if there is no traffic."""
+        """Do the work that does not depend on new traffic, such as printing findings and the status."""
         now = time.time_ns()
         if not self._reader.bytes_waiting:
             self._traffic.expire(now - _DECODING_DELAY_NS)
@@ -338,7 +342,7 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Store the delay figures in the ring for the relay, and show the status on the terminal."""
+        """Write the delay figures to the ring, and show the status on the terminal."""
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -368,7 +372,7 @@ class ProxyWatcher:
 
     def _closing_requests(self) -> bytes:
         """Return a JSON list of `ClosingRequests`, which close all open sessions."""
-        # Complete answered calls now, without waiting for late retries.
+        # Do not wait for further retries of answered calls: complete the calls now.
         self._traffic.flush()
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
         self._write_lines()

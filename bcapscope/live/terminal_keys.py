@@ -44,8 +44,8 @@ class TerminalKeys:
     def read_keys(self) -> str:
         """Return the typed characters in lower case. Call this method when file descriptor 0 is readable.
 
-        At the second of two presses of Escape, return two Escapes, no matter how much time passed between
-        them. Escape sequences, such as those of arrow keys, are removed.
+        At a first press of Escape, return nothing. If the next key is Escape again, after any pause, return
+        two Escapes. Escape sequences, such as those of arrow keys, are removed.
         """
         data = os.read(0, 64)
         if not data:

@@ -154,7 +154,7 @@ class TrajectoryMotion:
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration between neighbouring steps, in units per second squared. Controllers compute the
+        """Acceleration from three successive set points, in units per second squared. Controllers compute the
         acceleration in the same way.
         """
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception

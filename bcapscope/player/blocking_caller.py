@@ -68,9 +68,9 @@ class Channel:
     """A socket that is connected to the controller, so that the operating system drops datagrams from other
     senders.
 
-    Times are ns of the monotonic clock `now`. `arrival_time` is when the last bytes arrived. If the operating
-    system does not report an arrival time, `arrival_time` is when the bytes were read. Every method raises
-    OSError if the connection is lost.
+    All times are in ns of the operating system's monotonic clock. `arrival_time` is the time at which the
+    newest received bytes arrived. If the operating system does not report an arrival time, `arrival_time` is
+    the time at which the player read the bytes. Every method raises OSError if the connection is lost.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -319,8 +319,8 @@ class BlockingCaller:
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
         """Wait, without sending, for a reply to a call that was given up; return None if no reply came.
 
-        A reply to any attempt counts, even a reply that was discarded before. Another retry would bring the
-        same result, because the controller executes a call only once.
+        A reply to any attempt counts, even a reply that was discarded before. The method sends no retry,
+        because a retry would not change the result of the call.
         """
         while True:
             self._next_outcome()

@@ -1,6 +1,4 @@
-"""The cleanup at the end of a player's session: which steps the player must undo, however the session
-ends.
-"""
+"""The cleanup at the end of a player's session, even if the session ends with an error."""
 
 from __future__ import annotations
 
@@ -22,8 +20,8 @@ _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Undoes steps, newest first. The stack reports which steps remain, so that another process can undo them
-    if this process is killed.
+    """Runs the cleanup tasks of a session, newest first. The stack reports its tasks to the parent process.
+    If the player is killed, a new player runs the remaining cleanup tasks.
 
     If the controller no longer answers (`is_controller_gone`), the stack skips the remaining cleanup tasks.
     """
@@ -37,11 +35,10 @@ class CleanupStack:
         self._tasks: list[CleanupTask] = []
 
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
-        """Push a cleanup task, then run the step that the task undoes.
+        """Push `task`, then run `step`, which `task` undoes.
 
-        If the reply to the step's call is lost, the controller may have executed the step. The method
-        therefore pushes the cleanup task before the step. If the controller refuses the call, the method
-        removes the cleanup task.
+        The controller may execute the call of `step` even if the reply is lost. The stack therefore contains
+        `task` before `step` begins. If the controller refuses the call of `step`, remove `task`.
         """
         self.push(task)
         try:
@@ -55,8 +52,8 @@ class CleanupStack:
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """Run all cleanup tasks. If the controller refuses a task's call, report the refusal and continue
-        with the next task.
+        """Run all cleanup tasks. If the controller refuses a cleanup task, report the refusal and continue
+        with the next cleanup task.
         """
         while self._tasks and not self.is_controller_gone:
             task = self._tasks[-1]

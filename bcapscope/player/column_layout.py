@@ -105,7 +105,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # a column may hold times if its intervals differ by at most this share of an interval
+_EVEN = 1e-3  # maximum difference between the intervals of a time column, as a share of the first interval
 _USUAL_AXES = 6
 
 
@@ -245,7 +245,7 @@ def _axis_places(read: Sequence[ColumnTitle | None], role: ColumnRole) -> dict[s
 
 
 def _leading_axes(kind: PoseType, places: Mapping[str, int]) -> tuple[Axis, ...]:
-    """Return the axes before the first axis without a column, or () if these axes are too few."""
+    """Return the leading axes that have a column. Return () for fewer axes than `MIN_COLUMNS`."""
     axes = tuple(takewhile(lambda axis: axis.name in places, AXES[kind]))
     return axes if len(axes) >= MIN_COLUMNS[kind] else ()
 

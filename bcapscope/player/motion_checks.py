@@ -63,8 +63,8 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return one `AxisFigures` for each axis of the trajectory. If bcapscope can compute the joints, the
-    `AxisFigures` of the joints follow.
+    """Return one `AxisFigures` for each axis of the trajectory. For a P or T trajectory, also return one
+    `AxisFigures` for each joint if bcapscope can compute the joints.
     """
     if context.step is None:
         return ()
@@ -251,8 +251,8 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return whether each of the `count` set points violates a limit. If `where` has more than `count` rows,
-    the extra rows describe the first set points when the trajectory repeats.
+    """Return whether each of the `count` set points violates a limit. In a loop, the rows of `where` after
+    the first `count` rows describe the first set points of the next round.
     """
     at = where[:count].copy()
     rest = where[count : 2 * count]

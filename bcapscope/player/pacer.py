@@ -69,9 +69,9 @@ MIN_PERIOD_SHARE = 0.98
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
-"""The pacer reserves this time before a deadline to make the next packet. The time is a share of the period,
-with a minimum and a maximum in ns. After a sleep, code first runs ten times slower, because other programs
-have filled the processor's caches.
+"""The pacer reserves this time before a deadline to make the next packet. The reserved time is a share of the
+period, with a minimum and a maximum in ns. After a sleep, code first runs ten times slower, because other
+programs have filled the processor's caches.
 """
 
 _MOTION_ERRORS = 0x8420
@@ -120,7 +120,8 @@ class Pacer:
     """Sends each set point of a sequence at its deadline.
 
     Attributes:
-        lateness: Time from each set point's deadline to its sending; `cycle` holds the cycle times.
+        lateness: Time from each set point's deadline to its sending.
+        cycle: Time from each set point's sending to the sending of the next set point.
         started_at: Time in ns at which the first set point was sent; None until then.
     """
 
@@ -174,7 +175,9 @@ class Pacer:
             due = self._play_point(self._move.arguments(point), due)
 
     def _play_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        """Send one set point until the controller accepts it; return the deadline of the next set point."""
+        """Send a set point; repeat the set point while the controller's buffer is full. Return the deadline
+        of the next set point.
+        """
         for _ in range(MAX_REPEATS):
             sent = self._send_point(arguments, due)
             due = self._adjusted_deadline(due, sent)
@@ -193,7 +196,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Store the time until the reply, minus the time by which the player's sleep was too long."""
+        """Store the time from the set point to its reply, without the time that the player overslept."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept
@@ -345,10 +348,10 @@ class Pacer:
 class _Throttle:
     """Limits the rate of set points if the controller sets the pace.
 
-    The pacer may send the first set points without a limit: as many as the buffer has slots, plus two. After
-    these first set points, the pacer sends at most one set point per period on average. A controller that
-    confuses two slave modes may answer at once, although the reply should wait for room in the buffer.
-    Without the limit, these early answers would make the pacer send the whole trajectory in an instant.
+    The throttle allows a burst: two more set points than the buffer has slots. After the burst, the average
+    rate is at most one set point per period. A controller that confuses two slave modes may answer at once,
+    although the reply should wait for room in the buffer. Without the throttle, early replies would make the
+    pacer send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

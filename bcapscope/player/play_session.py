@@ -126,7 +126,7 @@ def _pose_in(reply: Frame | None) -> SetPointValues:
 
 
 class PlayAbortedError(Exception):
-    """Ends the session before the play is complete; `reason` says why, if it is known."""
+    """Raised to end the session early; `reason` is None if the reason is unknown."""
 
     def __init__(self, outcome: PlayOutcome, reason: Message | None) -> None:
         super().__init__(outcome, reason)
@@ -299,7 +299,9 @@ class PlaySession:
             self._cleanup.remove(CleanupTask.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Send the set points. If the user orders a stop or a halt, bring the robot to rest or halt it."""
+        """Send the set points. After an order to stop, bring the robot to rest. After an order to halt, halt
+        the robot.
+        """
         plan, robot = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * PERIOD_NS // plan.period))
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
@@ -388,14 +390,14 @@ class PlaySession:
             self._channel.wait_until(min(until, now + ABORT_CHECK_INTERVAL))
 
     def _check_order(self) -> None:
-        """Raise PlayAbortedError if an order has arrived, unless the cleanup has begun."""
+        """Raise PlayAbortedError after an order to stop or halt. During a halt or cleanup, ignore orders."""
         order = None if self._is_leaving else self._pipe.poll_order()
         if order is not None:
             outcome = PlayOutcome.HALTED if order is Order.HALT else PlayOutcome.STOPPED
             raise PlayAbortedError(outcome, self._pipe.reason)
 
     def _stop_limits(self) -> ArmLimits:
-        """Return the arm's limits. The result lacks `to_joints`, which is too slow during a motion."""
+        """Return the arm's limits without the function `to_joints`, which is too slow during a motion."""
         base = limits_for_arm(self._robot.facts.get(TYPE_NAME_FACT, ""))
         return replace(with_limits(base, self._plan.limits), to_joints=None)
 

@@ -48,7 +48,7 @@ class SlaveModePacing(StrEnum):
 
 
 class CleanupTask(StrEnum):
-    """A step that the player must undo at the end of the session, even after an error."""
+    """What the player must undo at the end of the session, even after an error."""
 
     ROBSLAVE = "RobSlave"
     ARM = "arm"
@@ -60,8 +60,8 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """Steps that the player must still undo. The player sends this message before each step and after each
-    cleanup task.
+    """What the player must still clean up. The player sends this message after each change of the cleanup
+    tasks.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
@@ -95,7 +95,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
             `look_only`, the player moves nothing and changes nothing.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
-        aftermath: Steps of a crashed player that the new player undoes instead of playing; None to play.
+        aftermath: Cleanup tasks of a crashed player. With `aftermath`, the player only cleans up.
         first_serial: First serial that the player uses. No crashed player can have used this serial.
     """
 
@@ -291,10 +291,10 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
     estimated.
 
     Attributes:
-        reason: Why the player ended; None if the play is complete.
+        reason: Why the player ended; None if the player sent the whole trajectory.
         cycle: Distribution of the time between set points.
-        index: How many of the trajectory's set points the player sent.
-        left: Whether the player cleaned up; False if the controller no longer answered.
+        index: Number of the trajectory's set points that the player sent.
+        left: Whether the player cleaned up before leaving; False if the controller no longer answered.
         logged: Number of records of the controller's log that the player saved.
         retries_expected: Whether retries are normal: True over UDP if the controller's replies set the pace.
     """

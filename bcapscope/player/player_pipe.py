@@ -41,8 +41,8 @@ PARENT_GONE = Message("play.parent-gone")
 class PlayerPipe:
     """Receives orders and sends messages through two pipes.
 
-    `order` is the most serious order so far: a halt is more serious than a stop. `reason` says why the order
-    was given. `order` and `reason` are None before the first order.
+    `order` is the most serious order so far. An order to halt is more serious than an order to stop. `reason`
+    says why the order was given. `order` and `reason` are None before the first order.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
@@ -75,9 +75,9 @@ class PlayerPipe:
     def install_signal_handlers(self) -> None:
         """Treat signals as orders.
 
-        SIGINT, SIGTERM and SIGHUP are orders to stop. If the player already has an order, each of these
-        signals is an order to halt. SIGUSR1 is always an order to halt. If the parent blocked SIGUSR1 in the
-        player, a SIGUSR1 that was sent earlier takes effect now.
+        The first SIGINT, SIGTERM or SIGHUP orders the player to stop. After any earlier order, SIGINT,
+        SIGTERM or SIGHUP orders the player to halt. SIGUSR1 always orders the player to halt. If the parent
+        blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier takes effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)

@@ -195,8 +195,7 @@ class PlayerProcess:
     def _on_crash(self) -> PlayerMessage:
         """Start a process that cleans up after a crashed player.
 
-        Return a message which says that the cleanup has begun. If no cleanup is needed, the message says that
-        the play has ended.
+        Return a `PlayerProblem` if a cleanup begins. Return a `PlayEnded` if no cleanup begins.
         """
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()

@@ -21,8 +21,8 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far. `index` includes the set points of all rounds and of a
-            stop, but not the repetitions of the first and last point.
+        index: Number of set points returned so far, in all rounds. `index` also counts the set points that
+            bring the robot to rest, but not the repetitions of the first and last point.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
@@ -33,8 +33,9 @@ class SetPointSequence:
         """Begin at the first point. The trajectory must have every axis that slvMove needs, and begin and end
         at rest.
 
-        `period` is in seconds. With 0 `rounds`, the sequence has no end. `limits` are the arm's limits for
-        the set points after `stop`. The sequence repeats the first and the last point `hold_count` times.
+        `period` is in seconds. With 0 `rounds`, the sequence has no end. The method `stop` uses the arm's
+        `limits` to bring the robot to rest. The sequence repeats the first and the last point `hold_count`
+        times.
         """
         self.index = 0
         self.is_stopping = False

@@ -61,7 +61,7 @@ class TrajectorySource:
     come from a file.
 
     Attributes:
-        file_format: Kind of the file, or the encoding of its text.
+        file_format: Kind of the file, with the encoding of a text file.
         part: Name of the trajectory if the file has several; None if the file has only one.
         columns: Columns in the order of `Trajectory.axes`, then the columns of times and counter, if any.
         notes: One clause for each thing that the reader assumed, left out or converted.
@@ -173,8 +173,8 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 def timing_from_send_times(times: Array) -> SetPointTiming:
     """Compute the timing from the times, in seconds, at which set points were sent.
 
-    A controller takes one set point per cycle. If the usual interval is close to a cycle time, the returned
-    `period` is this cycle time, and `times` is None.
+    A controller takes one set point per cycle. If the median interval is close to one of `CYCLES`, the
+    returned `period` is that cycle time, and `times` is None.
     """
     steps = np.diff(times)
     if not len(steps):
@@ -197,11 +197,11 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log at the gaps in its counter column. Return the runs of records between the gaps, and the
-    counter's usual increase from one record to the next.
+    """Split a log at the gaps in its counter column. Return the parts of the log, and the median increase of
+    the counter per record.
 
-    A run is a pair: the index of its first record, and the index after its last record. If the counter grows
-    too unevenly, return all records as one run, and None instead of the usual increase.
+    Each part is a pair of indices: the first record of the part, and the first record after the part. If the
+    counter grows too unevenly, the whole log is the only part, and the median increase is None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

@@ -117,8 +117,8 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout of the columns, the number of lines before the numbers, and the titles. Without
-    titles, return () for the titles.
+    """Return the layout of the columns, the number of header lines, and the column titles. The titles are ()
+    if the table has no titles.
     """
     if _is_numeric(first[0]):
         bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]

@@ -132,7 +132,7 @@ class PassingMessage:
 
 class AddonRunner(PipelineSubscriber):
     """Executes the orders of the proxy: calls the hooks of all add-ons, and collects their answers. If a hook
-    raises an error, reports its first error and continues with the other hooks.
+    raises several errors, the runner reports only the first error. The runner still calls all hooks.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:

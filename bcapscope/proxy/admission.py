@@ -122,8 +122,8 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict one client from the network `source`; from any network if `source` is None. Return whether
-        the proxy evicted a client.
+        """Evict one client. If `source` is not None, evict only a client whose address is in the network
+        `source`. Return whether the proxy evicted a client.
         """
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
@@ -149,8 +149,9 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client from the network `source`; from any network if `source` is None.
-        Return None if no fresh client matches, or if the limit for evictions of fresh clients is reached.
+        """Return the oldest fresh client. If `source` is not None, consider only clients whose address is in
+        the network `source`. Return None if no fresh client matches, or if the limit for evictions of fresh
+        clients is reached.
         """
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:

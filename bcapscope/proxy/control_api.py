@@ -113,7 +113,8 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # Keep holding a message that a typing error left unchanged, because the message may be a motion.
+        # An edit that changes nothing is probably a typing error. Keep holding the message, because the
+        # message may request a motion.
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

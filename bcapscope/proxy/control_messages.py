@@ -179,8 +179,9 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams; for a stream, they count reads. The time of an
-    event is None if the event never happened.
+    """A client of the proxy. The proxy received `up` datagrams from the client, and `down` datagrams from the
+    controller. Over TCP, `up` and `down` count the proxy's socket reads. The time of an event is None if the
+    event never happened.
     """
 
     number: JsonCount

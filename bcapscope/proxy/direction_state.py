@@ -91,8 +91,8 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitR
     Return the bytes to send, and the frames and other bytes to drop.
 
     A motion is dangerous if it starts after its client has stopped waiting. A stop is never dangerous. If the
-    proxy has already sent the start of a frame, the bytes to send begin with the rest of that frame. A
-    controller reads a stop after an incomplete frame as a part of the incomplete frame.
+    proxy has already sent the start of a frame, the bytes to send begin with the rest of that frame. If an
+    incomplete frame precedes a request, the controller takes the request's bytes for the rest of the frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])

@@ -32,7 +32,7 @@ that a robot does not wait for ever.
 """
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""A UDP call or its reply. The user's decision applies to every attempt of the call."""
+"""All attempts of one UDP call, or all replies to these attempts. The user decides once per `_Subject`."""
 
 
 @dataclass(eq=False, slots=True)
@@ -47,9 +47,9 @@ class HeldMessage:
         until: Time in ns at which the proxy forwards the message, or drops the message if the client no
             longer waits.
         last_attempt_at: Time of the latest attempt, in ns.
-        repeats: Number of later packets of the same call. The user sees these packets only in this count.
-        subject: Call or reply to which the user's decision applies; None for messages without retries.
-        abandoned_because: Evidence in the client's traffic that the client no longer waits; None without such
+        repeats: Number of later messages with the same `subject`.
+        subject: What the user's decision applies to; None if the decision applies only to this message.
+        abandoned_because: Evidence in the client's traffic that the client no longer waits; None without
             evidence.
     """
 
@@ -184,8 +184,8 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Release and return the messages that were held for the maximum time. If the client no longer waits
-        for the reply, the message and its later retries are dropped.
+        """Release and return the messages that were held for the maximum time. If the client of a held
+        request no longer waits for the reply, the intercept drops later retries of the request.
         """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
@@ -212,8 +212,8 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the call or reply in a message; None for messages without retries. Also return whether the
-        message is a first attempt.
+        """Return the `_Subject` of a message, and whether the message is a first attempt. The `_Subject` is
+        None if the user's decision applies to no other message.
         """
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)

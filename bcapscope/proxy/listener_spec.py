@@ -24,7 +24,7 @@ _IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class ListenerSpecError(BcapError):
-    """The options of a listener are invalid. The error names the wrong option or address."""
+    """The options of a listener are invalid. The error message says which option or address to correct."""
 
 
 @dataclass(frozen=True, slots=True)

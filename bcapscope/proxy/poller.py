@@ -35,8 +35,8 @@ class SelectPoller:
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return the ready descriptors with their events. The next read or write of a broken socket raises
-        its error.
+        """Return the ready descriptors with their events. A socket with an error counts as ready for writing,
+        so that the socket's handler finds the error.
         """
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
@@ -125,7 +125,6 @@ class DescriptorWatcher:
             self._poller.modify(self._paused.pop(), READ)
 
     def _adopt_new_handlers(self) -> None:
-        """Activate the handlers that `watch` postponed for reused descriptor numbers."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()

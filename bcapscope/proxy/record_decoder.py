@@ -108,10 +108,10 @@ class RecordDecoder:
     """Decodes the records of all clients."""
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Start without clients. Before the decoder yields observations of the controller's side for a
-        client, the decoder calls `join_legs`. `join_legs` gets the client's conversation with the proxy, and
-        the proxy's conversation with the controller. If `join_legs` is None, the decoder never decodes the
-        controller's side.
+        """Start without clients. For each client, the decoder calls `join_legs` before the first observation
+        between proxy and controller. `join_legs` gets the client's conversation with the proxy, and the
+        proxy's conversation with the controller. If `join_legs` is None, the decoder never decodes the
+        traffic between proxy and controller.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -201,7 +201,7 @@ class RecordDecoder:
         self, stream: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
         if not stream.splitter.pending_bytes:
-            # the first entry must be the arrival time of a frame's first byte
+            # `arrival_times[0]` must hold the arrival time of the first byte of a frame
             stream.arrival_times.clear()
         stream.arrival_times.append((stream.size, time))
         stream.size += len(data)

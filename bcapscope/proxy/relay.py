@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.rule_policy import RulePolicy
 
 POLL_INTERVAL = 0.05
-"""Time in seconds between two ticks. At each tick, the relay writes pending records and checks whether to
-stop."""
+"""Interval in seconds at which the relay writes pending records and checks whether to stop."""
 
 _SWEEP_EVERY = 20
 """Number of `POLL_INTERVAL` periods between two calls of `_sweep`. `_sweep` finds silent clients and full
@@ -207,7 +206,7 @@ class Relay(DescriptorWatcher):
             self._record_and_perform(session, up, data, received_at, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Record the data of one direction that still waits for the scripts."""
+        """If data of one session and direction waits for the scripts, record the data."""
         for decision, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[decision]

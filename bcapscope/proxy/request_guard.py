@@ -48,7 +48,7 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return whether a request may make any controller execute a call that this target describes.
+        """Return True if at least one controller could execute the request as a call that the target names.
 
         Args:
             command: Command of the request; None if the command is unknown. Like orin_bcap's C code, this
@@ -94,8 +94,8 @@ class GuardResult(NamedTuple):
 
 
 class RequestGuard:
-    """Refuses requests. Requests that stop something or release a handle always pass. Only whole frames pass.
-    The guard has checked every frame that a controller can find, even if the controller skips invalid bytes.
+    """Refuses requests. Requests that stop something or release a handle always pass. The guard drops bytes
+    that are not a frame, because a controller could find an unchecked frame in these bytes.
     """
 
     def __init__(
@@ -178,9 +178,9 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A plain frame has its number of arguments where a compressed frame has a zlib header. As a number of
-    arguments, every zlib header is at least 376. A compressed frame must be too short to hold the number of
-    arguments that its zlib header means.
+    A plain frame has its number of arguments where a compressed frame has a zlib header. A controller that
+    reads a zlib header as a number of arguments gets at least 376. A compressed frame is unambiguous if the
+    frame is too short for that number of arguments.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -2,8 +2,8 @@
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
 the record is lost and counted. One process writes and one process reads. The processor may store the new
-write position before the record itself. A reader therefore reads a new record only at the reader's next poll,
-when the record is complete.
+write position before the record itself. A reader that sees a new write position therefore waits for its next
+poll, so that the record is complete.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class RelayCounter(IntEnum):
     UNWATCHED = 10
     """Records that were lost because the ring was full."""
     RULED = 11
-    """Datagrams and pieces of streams that a rule affected."""
+    """Number of times that a rule of the proxy affected a received datagram or piece of a stream."""
 
 
 _RECEIVED, _SENT = (
@@ -293,9 +293,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the `HOLE` records of a client before a record with contents of `size` bytes. If the ring has
-        no room for all these records, write nothing and return False. One long `HOLE` record is better than
-        many short `HOLE` records.
+        """Write the `HOLE` records of a client. `size` is the number of data and note bytes in the client's
+        next record. If the ring would then have no room for the next record, write nothing and return False.
+        One long `HOLE` record is better than many short `HOLE` records.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -403,8 +403,8 @@ class RingReader(_Ring):
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
         """Return at most `limit` records. A record that may still be incomplete stays in the ring until the
-        next call. If `until` is not None, return only records before `until`, a position that the watcher's
-        other `RingReader` has reached.
+        next call. If `until` is not None, return only records before the position `until`. The watcher's
+        second `RingReader` must have read the ring up to `until`.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -41,8 +41,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 _LONGEST_JOINED = 1 << 16
 """Maximum size in bytes of the stream data that the policy joins into one `SendAction`. Larger data would be
-slow to join, because each join copies all bytes. The ring cannot hold a record that is larger than its
-margin.
+slow to join, because each join copies all bytes. The ring also limits the size of a record (see `_MARGIN` in
+`ring_buffer`).
 """
 
 
@@ -149,8 +149,8 @@ class RulePolicy:
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """Remove the waiting messages of a client that leaves. Return the last actions for the client.
 
-        The proxy sends waiting replies and stops, but drops all other waiting requests. If a half-open fault
-        blocks the client's conversation, the proxy drops all waiting messages.
+        The proxy sends waiting replies and stop requests, but drops all other waiting requests. If a
+        half-open fault blocks the client's conversation, the proxy drops all waiting messages.
         """
         work = PolicyDecision(client)
         lost: list[Frame | bytes] = []
@@ -225,8 +225,8 @@ class RulePolicy:
     # `ScriptProcess` calls the following method.
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply the decisions in `data` from the scripts' process. Empty data means that the process has
-        ended. `pop_due_actions` returns the resulting actions.
+        """Apply the decisions in `data` from the scripts' process. `data` is empty if the scripts' process
+        has ended. `pop_due_actions` returns the resulting actions.
         """
         if self.scripts is not None:
             decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)

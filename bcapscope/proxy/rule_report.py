@@ -39,8 +39,8 @@ def report_lines(rules: RulePolicy) -> list[Message]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the names of the lost requests, with a count for each name. Lost bytes that are not a frame
-    share one name. The list has only the `_MAX_NAMED` most frequent names.
+    """Return the names of the lost requests, with a count for each name. All lost data without a frame is
+    counted under one name. The list has only the `_MAX_NAMED` most frequent names.
     """
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED

@@ -63,7 +63,7 @@ class ScriptProcess:
     """
 
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
-        """Start the process. If that fails, raise a `ScriptError`."""
+        """Start the process. If the system cannot start the process, raise a `ScriptError`."""
         self.names = ", ".join(Path(path).name for path in paths)
         self._is_interrupted: Callable[[], bool] = lambda: False
         self._files = {Path(path).name for path in paths}
@@ -230,8 +230,8 @@ class ScriptProcess:
                 self._rules.on_script_data(data, now)
 
     def _flush(self) -> None:
-        """Write as many pending bytes as the socket accepts. The relay calls this method again when the
-        socket accepts more.
+        """Write as many pending bytes as fit into the socket's buffer. The relay calls `_flush` again when
+        the buffer has room.
         """
         try:
             while self._backlog:

@@ -89,7 +89,9 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""Order from the proxy. The scripts answer each order once, and they answer the oldest order first."""
+"""Instruction from the proxy to the scripts' process. The process sends one answer to each instruction, to
+the oldest instruction first.
+"""
 
 
 class WireSentence(_WireFrame, frozen=True):

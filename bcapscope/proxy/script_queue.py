@@ -39,8 +39,8 @@ TIME_LIMIT_NS = 100_000_000
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-The shortest limit leaves enough time to wake a process: waking takes less than a millisecond. A longer limit
-would be dangerous: a held motion could start long after the client has given up.
+Waking the scripts' process takes less than a millisecond, so `SHORTEST_LIMIT` leaves enough time. A limit
+above `LONGEST_LIMIT` would be dangerous: a held motion could start long after the client has given up.
 """
 
 LONGEST_WAIT = 1_000_000_000
@@ -63,8 +63,8 @@ Above this limit, the scripts get only messages that need a decision.
 """
 
 _LATE = 20_000_000
-"""The scripts get more time if the relay checks their time limit more than this many ns late. A machine that
-delays the relay may also have delayed the scripts."""
+"""Maximum delay of the relay in ns that leaves the scripts' time limit unchanged. After a longer delay, the
+scripts get more time, because a busy computer may also have delayed the scripts."""
 
 _LOCATED_WITHIN_NS = 50_000_000
 """Time in ns between switching the scripts off and killing their process. Before the proxy kills the process,
@@ -75,13 +75,13 @@ _EXPIRE_INTERVAL_NS = 50_000_000
 """Time in ns between two checks for calls that no longer wait for a reply."""
 
 _MAX_NOTICES = 200
-"""Maximum number of messages from the scripts that the proxy passes to the user."""
+"""The proxy shows the user at most this many messages from the scripts."""
 
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet. `message` is the b-CAP message that the scripts get;
-    None for an order without a message. `undecided` is None if the message needs no decision.
+    """A `ScriptOrder` that the scripts have not answered yet. `message` is the b-CAP message in the
+    `ScriptOrder`; None without a b-CAP message. `undecided` is None if the message needs no decision.
     """
 
     hook: str
@@ -130,7 +130,7 @@ class ScriptQueue:
         self._hooks: frozenset[str] = frozenset()
         self._queue: deque[PendingOrder] = deque()
         self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
-        self._counts: Counter[int] = Counter()  # number of messages that wait for a decision, by client
+        self._counts: Counter[int] = Counter()  # number of undecided messages of each client
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
         self._head_since = 0
@@ -171,7 +171,8 @@ class ScriptQueue:
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
         """Pass a message to the scripts. If `undecided` is not None, the message waits for the scripts'
-        decision. If too much data waits, the scripts do not get a message without `undecided`.
+        decision. If more than `MAX_BYTES_IN_ALL` bytes wait, the scripts get only messages that need a
+        decision.
         """
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:

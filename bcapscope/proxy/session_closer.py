@@ -44,8 +44,8 @@ class CloseSequence(NamedTuple):
 
 
 class SessionCloser(PipelineSubscriber):
-    """Remembers the last call and the taken arms of each client. `close_sequences` needs this data to make
-    closing requests."""
+    """Remembers the last call of each client, and the robot arms that each client has taken.
+    `close_sequences` uses the last calls and the arms to make closing requests."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """`handles` and `slave_mode` must belong to the pipeline to which this object subscribes."""

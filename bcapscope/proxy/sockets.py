@@ -116,7 +116,9 @@ def prepare_datagrams(sock: socket.socket) -> None:
 
 
 def keep_alive(sock: socket.socket) -> None:
-    """Make the system end a connection two minutes after the other end vanished; the default takes hours."""
+    """Make the system close a connection two minutes after the other computer has disappeared. By default,
+    the system waits for hours.
+    """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
         if hasattr(socket, name):

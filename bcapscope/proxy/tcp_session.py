@@ -31,12 +31,12 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 
 STUCK_AFTER_NS = 10_000_000_000
 """If only the controller has ended its stream, the session ends after this idle time in ns. If one direction
-has ended or is blocked, a new client may evict the session after this idle time.
+has ended or is blocked, a new client may replace the session's client after this idle time.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""If the controller has sent bytes or a FIN after the client's FIN, a new client may evict the session after
-this idle time in ns.
+"""Idle time in ns after which a new client may replace a finished client. A client is finished if the client
+has sent a FIN, and the controller has then sent bytes or a FIN.
 """
 
 MAX_PENDING = 1 << 18

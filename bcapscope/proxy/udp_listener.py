@@ -31,8 +31,8 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. The relay waits long, because the controller
-regards a removed client that sends again as a new client. The socket of a silent client costs almost nothing.
+"""The relay removes a client that is silent for this time in ns. If a removed client sends again, the
+controller sees a new client. The time can be long: the socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -200,7 +200,8 @@ class UdpSession(RelaySession):
         except OSError as error:
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
-            # The error is about an earlier datagram, but this datagram was not sent either. Send it again.
+            # The controller refused an earlier datagram. The system reported this refusal instead of sending
+            # `data`, so send `data` now.
             self.notify_refused()
             sent_at = time.time_ns()
             try:
@@ -211,8 +212,8 @@ class UdpSession(RelaySession):
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests on behalf of the client, each after the reply to the previous request. Send nothing
-        after `until`, a time in seconds of `time.monotonic`. Stop at the first request without a reply.
-        Return how many requests got a reply. This method blocks the relay.
+        after `until`, a time in seconds of `time.monotonic`. If a request gets no reply, do not send the next
+        requests. Return how many requests got a reply. This method blocks the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -256,8 +257,8 @@ class UdpSession(RelaySession):
         self._count_drops()
 
     def notify_refused(self) -> None:
-        """Report that the controller refuses datagrams. Do not repeat the report before the controller has
-        sent a datagram."""
+        """Report that the controller refuses datagrams. After one report, `notify_refused` reports nothing
+        until the controller sends a datagram."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))

@@ -68,7 +68,7 @@ def shell_command(
     names = _name_options(subject) if skipped else []
     words = ["bcapscope", "call", target.host, *_target_options(target), *names, function.name]
     values = [text for text in texts if text is not None]
-    if any(text.startswith("-") for text in values):  # click can read a value such as -e as an option
+    if any(text.startswith("-") for text in values):  # after `--`, a value such as -e is not an option
         words.append("--")
     line = shlex.join([*words, *values])
     return line if line == printable(line) else None
@@ -153,9 +153,7 @@ def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
 
 
 def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
-    """Return the arguments for the method that opens the object. Leave out the other strings of the recorded
-    call, because the method does not need them.
-    """
+    """Return the arguments for the method that opens the object."""
     match opened.kind:
         case ObjectClass.MESSAGE:
             return ()

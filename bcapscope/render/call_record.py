@@ -79,8 +79,8 @@ class CallRecordRenderer:
 
 
 class CallPackets:
-    """Adds the member `packets` to the JSON of a call. The member gives the capture and the packet of each
-    frame.
+    """Adds the member `packets` to the JSON of a call. The member `packets` lists the capture and the packet
+    number of each frame.
     """
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:

@@ -158,7 +158,7 @@ def _addresses(flow: Flow) -> str:
 
 
 LONGEST_STRING = 120
-"""Maximum number of characters of a string that a line shows.
+"""For a string, a line shows at most this many characters.
 
 For a UI1 array, a line shows at most `LONGEST_STRING // 2` bytes.
 """
@@ -177,7 +177,11 @@ _SHOWN_BEFORE = ("bstrCommand",)
 
 
 class LineTemplate:
-    """A %-format for a line of text: first the formats of its head, then ``%s`` for each placeholder."""
+    """A format string for one line of text.
+
+    The first placeholders in `text` take the values of `head`. Each further placeholder in `text` is a ``%s``
+    for one element of `places`.
+    """
 
     __slots__ = ("places", "text")
 

@@ -155,7 +155,7 @@ class FrameRecordRenderer:
 
 
 def with_origin(record: bytes, origin: PacketOrigin) -> bytes:
-    """Add the capture, and the number of the packet in this capture, to a frame as JSON."""
+    """Add the path of the capture, and the packet's number in this capture, to the JSON of a frame."""
     return b'%b,"file":%b,"file_packet":%d}' % (record[:-1], json_text(origin.path), origin.packet)
 
 

@@ -30,7 +30,7 @@ MAX_ELEMENTS = 32
 
 class FieldRowKind(Enum):
     FIELD = "field"
-    """A field that consists of other fields; the rows of the inner fields follow this row."""
+    """A field that contains inner fields. The rows of the inner fields follow the row of the outer field."""
     LEAF = "leaf"
     """A field that contains bytes and no other fields."""
     PROBLEM = "problem"

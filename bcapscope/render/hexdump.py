@@ -30,8 +30,8 @@ def hexdump(
     first: int = 0,
     per_line: int = PER_LINE,
 ) -> Iterator[str]:
-    """Yield the lines of a hex dump, with `per_line` bytes per line. If two highlights overlap, the later
-    highlight sets the colour of the common bytes.
+    """Yield the lines of a hex dump, with `per_line` bytes per line. If a byte is in several
+    elements of `highlights`, the last of these elements sets the colour of the byte.
 
     The offset of the first byte is `first`. Offsets are decimal, as in field trees and in problems next to
     the hex dump.

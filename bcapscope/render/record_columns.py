@@ -58,7 +58,7 @@ CALL_COLUMNS = (
 
 
 class ColumnFormat(StrEnum):
-    """Format of the output: CSV or JSON. For lines of text, functions use None instead of `ColumnFormat`."""
+    """Format of the output: CSV or JSON. A parameter `format_` is None if the output is lines of text."""
 
     CSV = "csv"
     JSON = "json"

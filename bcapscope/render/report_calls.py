@@ -166,7 +166,7 @@ def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Pic
 
 
 def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> dict[str, Any]:
-    """Return the plotly layout of a vertical axis with labelled rows at 0, `step`, 2 * `step` and so on."""
+    """Return the plotly layout of a vertical axis, with the `labels` at 0, `step`, 2 * `step` and so on."""
     return {
         "tickvals": [index * step for index in range(len(labels))],
         "ticktext": labels,
@@ -268,8 +268,8 @@ class _TimelineDrawing:
         look: tuple[str, float],
         **more: Any,
     ) -> Any:
-        """Return a plotly trace of bars over time. Each bar shows a period: the number of the bar's row, then
-        the start and the end of the period in ns since 1970.
+        """Return a plotly trace with one horizontal bar per element of `periods`. An element of `periods`
+        consists of the row's number, the start time and the end time. Times are in ns since 1970.
         """
         least = max((self._data.end - self._data.start) / 1e9 * _NARROWEST, 1e-6)
         color, width = look

@@ -155,7 +155,7 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
     """Return three texts: the verdict (``error``, ``warning`` or ``good``), the number of findings, and the
-    sentence of the first finding. For the verdict ``good``, the third text is "".
+    sentence of the first finding. If the verdict is ``good``, the sentence of the first finding is "".
     """
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
@@ -211,7 +211,7 @@ def _damage_text(damaged: DamagedFrame, words: MessageFormatter) -> str:
 
 
 def _moment(time: int) -> str:
-    """Return a time as text, down to milliseconds. Readers do not need further digits."""
+    """Return a time (ns since 1970) as text in UTC, cut to milliseconds."""
     return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
 
 

@@ -212,8 +212,9 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Yield a plotly trace with one mark per set point. The height of a mark is a time of the set point
-        in ms, such as the cycle time. A set point without a time gets no mark.
+        """Yield a plotly trace with one marker per set point. Each pair in `facts` has a set point and a
+        duration in ms, such as the cycle time. The duration sets the height of the marker. A set point
+        without a duration gets no marker.
         """
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")

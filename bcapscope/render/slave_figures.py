@@ -298,7 +298,9 @@ _AXIS_HEADER = (
     ("", "least", "most", "step", "at-frame", "velocity", "", "acceleration", "", "off", "", "lag"),
     ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
 )
-"""Message ids of the two heading rows of the axis table, without the prefix ``slave.column.``."""
+"""The two heading rows of the table of axes, as message ids. Each message id lacks its prefix
+``slave.column.``.
+"""
 
 
 def _axes(axes: Sequence[AxisMotion], writer: CaptionWriter) -> Iterator[str]:

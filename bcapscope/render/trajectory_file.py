@@ -6,13 +6,14 @@ Numbers have a decimal point and no thousands separators. A parser gets exactly 
 sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
 
 ``time_s``
-    Seconds from the first request of the first set point to the first request of this set point, nine
-    decimals.
+    Time in seconds at which the client first sent the set point, nine decimals. The first set point in the
+    file has the time 0.
 ``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
 ``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
     The commanded pose, with as many axes as the client sent. In a column name such as ``X_mm``, the part
     after the underscore is the unit. A capture does not show which joints are linear axes, so the names
-    of all joint columns say degrees. The value of a linear axis is nevertheless in mm.
+    of all joint columns say degrees. The values of a linear axis are in mm, although the column name says
+    degrees.
 ``returned_J1_deg`` … and so on
     The pose in the accepted reply; empty if the reply has no pose.
 ``reply_s``

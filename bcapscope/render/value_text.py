@@ -1,5 +1,6 @@
-"""Write the values of VARIANTs as text: for fields of frames, for the values of a reply, and in the notation
-that `protocol.codec.variant_notation` parses.
+"""Write the values of VARIANTs as text, for the fields of a frame and for the values of a reply.
+
+`untyped_text` and `typed_text` use the notation that `protocol.codec.variant_notation` parses.
 """
 
 from __future__ import annotations

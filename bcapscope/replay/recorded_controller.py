@@ -53,7 +53,9 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a copy of this lookup that begins at the first recorded call and shares the index."""
+        """Return a new `ScriptLookup` of the same recorded calls. The `find` method of the new lookup begins
+        at the first recorded call.
+        """
         lookup = copy(self)
         lookup._next = {}
         return lookup

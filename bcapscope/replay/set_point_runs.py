@@ -37,11 +37,11 @@ shorter intervals.
 
 
 class UnreadableSetPointError(BcapError):
-    """A set point of the script is unreadable, so it is unknown where the robot would move."""
+    """Raised if bcapscope cannot read a set point, and so does not know where the robot would move."""
 
 
 class SetPointRun(NamedTuple):
-    """Successive set points of a script. The client stays in slave mode between these set points.
+    """Successive set points of a `ReplayScript`. The client stays in slave mode between these set points.
 
     The trajectory also contains refused set points, because a replay sends all set points. `sent_at` is in
     seconds.

@@ -15,9 +15,7 @@ class Certainty(StrEnum):
     OBSERVED = "observed"
     """DENSO's server or driver, a published capture or a report of users shows the behaviour."""
     ASSUMED = "assumed"
-    """No source states the behaviour. The simulator does what is most likely, or the simplest thing that
-    works.
-    """
+    """No source states the behaviour. The simulator shows the most likely or the simplest behaviour."""
 
 
 class Behaviour(NamedTuple):

@@ -52,7 +52,9 @@ class CallContext:
 
 
 CallHandler: TypeAlias = Callable[[CallContext], HandlerOutcome]
-"""Python function that executes a b-CAP function or a command, with its arguments in a `CallContext`."""
+"""Python function that executes a b-CAP function or a command. The `CallContext` contains the request's
+arguments.
+"""
 
 CommandTable: TypeAlias = Mapping[str, CallHandler]
 """Handlers of commands, by command name in lower case."""

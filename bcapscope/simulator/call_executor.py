@@ -116,8 +116,8 @@ class CallExecutor(HostedClient):
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: the value that the function returned. If a function in
-        `_FUNCTIONS_WITH_RESULT` returned no value, the profile chooses between EMPTY and no argument.
+        """Return the value of a reply, as a tuple of at most one VARIANT. If a function in
+        `_FUNCTIONS_WITH_RESULT` returned no value, the profile chooses between EMPTY and no VARIANT.
         """
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()

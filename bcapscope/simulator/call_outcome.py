@@ -83,7 +83,7 @@ class RunningCall:
 CallOutcome: TypeAlias = CallResult | RunningCall
 
 HandlerOutcome: TypeAlias = CallOutcome | Variant | None
-"""Result of a handler: an outcome, the value of a call that succeeded, or None for success without value."""
+"""Result of a handler. A `Variant` is the value of a successful call. None means success without a value."""
 
 DONE = CallResult()
 

@@ -193,7 +193,7 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
 
 
 def parse_options(text: str) -> dict[str, str]:
-    """Parse options such as `,WDT=400`. Keys become lower case; parts without `=` are ignored."""
+    """Parse options such as `,WDT=400`. Option names become lower case; options without `=` are ignored."""
     pairs = (part.partition("=") for part in text[:1024].split(","))
     return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
 

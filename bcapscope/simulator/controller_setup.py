@@ -58,8 +58,8 @@ def start_controller(
 ) -> tuple[Simulator, Simulator | ScenarioRunner]:
     """Start a simulator in the initial state of a scenario, on the monotonic clock.
 
-    Return the simulator and the model to serve. The model is a `ScenarioRunner` only if the scenario has
-    faults, events or variables.
+    Return the simulator, and the model for the `SimulatorServer`. The model is a `ScenarioRunner` only if the
+    scenario has faults, events or variables.
     """
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)

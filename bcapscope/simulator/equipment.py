@@ -97,7 +97,7 @@ class Hand:
 
     Attributes:
         motion_count: Number of motions and stops so far.
-        stopped_by: Result code of the call whose motion was stopped last; 0 before the first stop.
+        stopped_by: Result code that the latest stop gave to the stopped call; 0 before any stop.
         ends: Time in ns at which the last motion ended or will end.
     """
 
@@ -128,7 +128,9 @@ class Hand:
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which the fingers hit the object in a motion without a grip; None if they do not."""
+        """Time in ns at which the fingers collide with an object; None without a collision. If the motion is
+        a grip, the contact with the object is not a collision.
+        """
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
@@ -168,8 +170,8 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: Open pairs of commands. SyncTimeStart adds `time` and SyncTimeEnd removes `time`.
-            SyncMoveStart and SyncMoveEnd do the same with `move`.
+        brackets: Open pairs of commands. SyncTimeStart puts `time` into this set, and SyncTimeEnd removes
+            `time`. SyncMoveStart puts `move` into this set, and SyncMoveEnd removes `move`.
     """
 
     def __init__(self, object_width: float | None) -> None:

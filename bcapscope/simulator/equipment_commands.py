@@ -3,9 +3,9 @@
 Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridges of COBOTTA and
 DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
 nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
-result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for fingers that
-hit an object in a motion without a grip: DENSORobot/denso_robot_ros issue 46. Source for the fact that the
-hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
+result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for the error
+when a hand that should not grip hits an object: DENSORobot/denso_robot_ros issue 46. Source for the fact that
+the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
 A moving hand would refuse the next command, which the clients in orin_bcap_python_samples send immediately
 after the reply. A call that moves a hand therefore lasts as long as the motion. No force acts on the
@@ -141,8 +141,8 @@ def _start(
     """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
     already moving. For COBOTTA's hand, also refuse the call if the robot's motor is off.
 
-    If `waits` is True, the call lasts until the motion ends. A call that waits fails if the 2FG hand was to
-    grip an object, and gripped none.
+    If `waits` is True, the call lasts until the motion ends. With `waits`, a grip command of the 2FG hand
+    fails if the hand grips no object.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:

@@ -20,7 +20,7 @@ class HostedClient(ABC):
     """Starts the calls of one client, one after another. A subclass decides when a call ends.
 
     Attributes:
-        last_heard: Time of the client's last request in ns. The host of the client sets this time.
+        last_heard: Time of the client's latest request in ns. The `ClientHost` sets `last_heard`.
     """
 
     def __init__(
@@ -44,7 +44,9 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """True or a call while `poll` must be called; False or None otherwise."""
+        """Whether the host must call `poll`. A subclass may return a running call for True, and None for
+        False.
+        """
 
     @property
     def _is_unanswered(self) -> bool:

@@ -19,7 +19,7 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 Joints: TypeAlias = tuple[float, ...]
-"""Eight joints in degrees. The arm lacks the last two joints, so these two stay 0."""
+"""Eight angles in degrees. The simulated arm has only six joints, so the last two angles are 0."""
 
 AXIS_COUNT = 6
 SHOULDER_HEIGHT = 400.0
@@ -134,7 +134,7 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""Possible numbers of values in a set point. The maximum is the number of axes plus one."""
+"""How many numbers a set point may have: at most one more than the pose type has axes."""
 
 
 Vector: TypeAlias = tuple[float, float, float]

@@ -222,8 +222,8 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop or error, outside automatic mode, or if Ethernet lacks the
-        executable token.
+        """Refuse a call during an emergency stop, during an error, or outside automatic mode. Also refuse a
+        call if the executable token does not belong to Ethernet.
         """
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
@@ -257,7 +257,9 @@ class Machine:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse joints beyond their limits, with the software-limit error of the first such axis."""
+        """Refuse a call if an axis is outside its limits. The result code contains the number of the first
+        axis outside its limits.
+        """
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
@@ -294,7 +296,7 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call with an error that is active until ClearError, as in `raise_error`.
+        """Refuse a call, and keep the error `code` active until ClearError, as `raise_error` does.
 
         The error list holds the error once, however often the client repeats the call. If each refusal added
         an entry, 32 refused set points would displace the error that ended slave mode.

@@ -2,8 +2,8 @@
 
 Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
 the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
-when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004
-(b-Cap.h of the ANSI-C client). The ANSI-C client repeats Robot_Move after the result 80010004.
+before the running motion ends. If the next motion begins too early, its call returns 80010004 (b-Cap.h of the
+ANSI-C client). The ANSI-C client repeats Robot_Move after the result 80010004.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Move. A line or circle becomes a PTP motion to the end point. A free curve has no effect."""
+    """Run Robot_Move. A line or circle becomes a PTP motion to the end point. Free-curve interpolation (4)
+    does not move the robot.
+    """
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))

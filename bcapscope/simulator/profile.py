@@ -22,7 +22,7 @@ _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 
 
 def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
-    """Return the commands, in lower case, that the sources mention only for `controllers`."""
+    """Return the lower-case names of the commands that the command catalogue lists only for `controllers`."""
     return frozenset(
         each.name.casefold() for each in commands_of(function_id) if each.controllers in controllers
     )
@@ -40,12 +40,12 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """A reply without a value has no argument, or it has the argument EMPTY. This setting says which replies
-    have no argument. This setting applies only to calls that can return a value.
+    """Which replies without a value contain no VARIANT. The other replies without a value contain a VARIANT
+    of the type VT_EMPTY. `NoArgument` applies only to calls that can return a value.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode). In
     DENSO's C# and Java clients, a call that can return a value throws an exception if the successful reply
-    has no argument.
+    contains no VARIANT.
     """
 
     NEVER = "never"

@@ -196,8 +196,8 @@ def motor(context: CallContext) -> RunningCall | None:
 
 
 def _ext_speed(context: CallContext) -> None:
-    """Run ExtSpeed. Parameters: speed, acceleration and deceleration in percent. -1 keeps the current value,
-    and -2 means speed² / 100.
+    """Run ExtSpeed. Parameters: speed, acceleration and deceleration in percent. -1 keeps the current value.
+    An acceleration or deceleration of -2 stands for speed² / 100.
     """
     numbers = numbers_of(context.parameter)
     if not numbers:
@@ -239,8 +239,8 @@ def _log_record(context: CallContext) -> Variant:
     """Run GetLogRecord. The parameter 0 selects the oldest record.
 
     Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
-    others/Get_Syslog.py. Two assumptions are bcapscope's own: the record's counter is in ms, and the values
-    for current and load come from the encoders' lag.
+    others/Get_Syslog.py. The simulator assumes that the counter of a record is in ms. The simulator also
+    assumes that the lag of the encoders determines motor current and load.
     """
     machine, records, values = context.machine, context.machine.log.records, []
     index = number_within(context.parameter, range(len(records)), RefusalCode.BAD_INDEX)

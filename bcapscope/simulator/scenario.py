@@ -79,8 +79,8 @@ class ClientProgram(StrEnum):
     """The client acts as in `CALLS`, takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
     """The client acts as in `MOTION`, moves to a first position with the pass motion @E, and enters slave
-    mode. If the mode paces the client, each reply triggers the next set point. If the mode does not pace the
-    client, the client sends a set point every 8 ms.
+    mode. If the controller sets the pace, each reply triggers the next set point. If the client sets the
+    pace, the client sends a set point every 8 ms.
     """
     PASSING = "passing"
     """The client acts as in `SLAVE`, but the motion before slave mode has the pass motion @P."""

@@ -25,8 +25,8 @@ MAX_CLIENTS = 20
 """Maximum number of clients per transport, TCP or UDP."""
 
 STOP_CLIENTS = 4
-"""Maximum number of clients per transport beyond `MAX_CLIENTS`. The first request of each of these clients
-must be a stop. DENSO's C server refuses clients beyond its limit, even if they send a stop.
+"""After `MAX_CLIENTS` clients, the simulator accepts this number of extra clients per transport. The first
+request of each extra client must be a stop. DENSO's C server refuses all clients beyond its limit.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -38,11 +38,11 @@ LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
 
 Peer: TypeAlias = Hashable
-"""Key that identifies a client, such as an address. The caller of this module chooses the key."""
+"""Any key that identifies a client, such as an address."""
 
 
 class ResetMarker(bytes):
-    """Empty value of `SimulatorOutput.data` that makes the server reset the TCP connection."""
+    """A `ResetMarker` as `SimulatorOutput.data` makes the server reset the TCP connection."""
 
 
 class SimulatorOutput(NamedTuple):
@@ -238,7 +238,7 @@ class Simulator(ClientHost):
         """Switch the controller on at the time `now`. All times are in ns of one clock, which the caller
         chooses.
 
-        After each answered call, `report` is called with the client and the call.
+        The simulator passes each answered call and its client to `report`.
         """
         self.machine = Machine(profile, initial_state, now)
         super().__init__(partial(CallExecutor, self.machine), report)
@@ -256,7 +256,9 @@ class Simulator(ClientHost):
 
     @property
     def runs_in_real_time(self) -> bool:
-        """True if a client sets the pace. Then the model's time continues while this process is suspended."""
+        """True in a slave mode where the client sets the pace. If `runs_in_real_time`, the simulated time
+        advances even while this process is suspended.
+        """
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 

@@ -5,7 +5,8 @@ comes, the clock stops until the process runs again. If the clock did not stop, 
 before the simulator sends the reply that triggers the next set point.
 
 The operating system records when a frame arrives, and the model processes each frame with the recorded time.
-A set point that arrived in time therefore counts as in time, however late the simulator reads the set point.
+The simulator therefore judges a set point by its arrival time, even if the simulator reads the set point
+late.
 The clock never stops in a mode where the client sets the pace, because this client does not wait for replies.
 """
 
@@ -32,8 +33,8 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock, in ns. `latest_time` is the latest time that the clock gave to the model. The clock
-    never gives the model a time before `latest_time`.
+    """The clock of a simulated controller, in ns. `latest_time` is the largest time that the simulated
+    controller received. The clock never gives the simulated controller a time before `latest_time`.
     """
 
     def __init__(
@@ -42,21 +43,23 @@ class SimulatorClock:
         monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
-        """The model's time advances with `monotonic`. `wall` returns the current time in ns since 1970."""
+        """The simulated time advances with `monotonic`. `wall` returns the current time in ns since 1970."""
         self.latest_time = 0
         self.paused_ns = 0
         self._model = model
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        # last pause: begin and end as times of `monotonic`, and the model's time during the pause
+        # begin and end of the newest pause, as times of `monotonic`; the simulated time during this pause
         self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the model's time. If an event is long overdue, first set the time back to the due time."""
+        """Return the simulated time. If an event is long overdue, first set the simulated time back to the
+        event's due time.
+        """
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -68,11 +71,12 @@ class SimulatorClock:
         return now
 
     def arrival_time(self, received_at: int) -> int:
-        """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
+        """Convert a request's arrival time from ns since 1970 (`received_at`) to the simulated time.
 
-        If the simulator reads a request more than `STALL_NS` after the arrival, the model's time goes back to
-        the arrival. While a call runs, the model's time does not go back, because most requests during a call
-        are retries. Few requests wait through two pauses, so the clock stores only the last pause.
+        If the simulator reads a request more than `STALL_NS` after the arrival, the simulated time goes back
+        to the arrival. A request during a running call does not set the simulated time back, because this
+        request is usually a retry. The clock stores only the newest pause, because a request rarely waits
+        through two pauses.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -94,7 +98,7 @@ class SimulatorClock:
         self._updated_at = at
 
     def make_monotonic(self, now: int) -> int:
-        """Return the later of `now` and `latest_time`, so that the model's time never goes back."""
+        """Return the later of `now` and `latest_time`, so that the simulated time never goes back."""
         self.latest_time = max(self.latest_time, now)
         return self.latest_time
 

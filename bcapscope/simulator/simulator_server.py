@@ -71,7 +71,7 @@ class TrafficTap(Protocol):
 
 
 class ControllerModel(ClockedModel, Protocol):
-    """Interface of a model that decides the replies. Each method works as in `Simulator`."""
+    """Interface of a simulated controller for the server. Each method works as in `Simulator`."""
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
@@ -207,7 +207,9 @@ class SimulatorServer:
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If many sockets are readable (`is_crowded`), read datagrams after a TCP segment."""
+        """Read a socket. If many sockets are readable (`is_crowded`), read the datagrams after each TCP
+        segment.
+        """
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -356,7 +358,7 @@ class SimulatorServer:
             self._deliver_segment(connection, data, came)
 
     def _deliver_spread(self, connection: _Connection, data: bytes, since: int, came: int) -> None:
-        """Process bytes as if they had arrived evenly spread between the times `since` and `came`."""
+        """Process frames as if their bytes had arrived at a constant rate from the time `since` to `came`."""
         taken = 0
         for piece in _BETWEEN_FRAMES.split(data):
             taken += len(piece)

@@ -40,8 +40,8 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""A set point with this norm, or a larger norm, is invalid. The norm is computed from the numbers of the set
-point, taken as a vector.
+"""A set point is invalid if its norm reaches this value. The norm is the length of the vector that the
+numbers of the set point form.
 """
 
 FIRST_USER_IO = 128
@@ -230,7 +230,9 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return each axis's simulated motor current: commanded minus measured joint, in degrees."""
+    """Return one simulated motor current per axis. The simulator uses the lag of the axis in degrees
+    as the motor current: commanded minus measured angle.
+    """
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

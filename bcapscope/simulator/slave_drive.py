@@ -102,8 +102,8 @@ class SlaveDrive:
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
     def advance(self, now: int) -> int | None:
-        """Consume the set points due by `now`. Stop at the first error, which occurs at `next_tick`, and
-        return its code; return None if there is no error.
+        """Consume the set points due by `now`. At the first error, return the error's code, and leave
+        `next_tick` at the error's time. Without an error, return None.
         """
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:

@@ -150,7 +150,9 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
 """Handlers for writes to variables. For example, a write to `@SERVO_ON` runs the command Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that slave mode refuses to write, because it refuses the equivalent command or function."""
+"""Variables that clients cannot write in slave mode, because slave mode refuses the equivalent command or
+function.
+"""
 
 
 def _speed(field: str) -> VariableReader:

@@ -135,7 +135,7 @@ def _check_text(value: Variant) -> None:
 
 
 def _vector(value: Variant, letter: str) -> tuple[float, ...]:
-    """Convert an array to the numbers of a vector. The seventh number of a frame (Fig) is dropped."""
+    """Convert an array to the numbers of a vector. For a coordinate system, drop the seventh number (Fig)."""
     if not value.vt & ARRAY:
         raise RefusedError(RefusalCode.TYPE_MISMATCH)
     numbers, length = argument_values.numbers_of(value), _ROW_LENGTHS[letter]

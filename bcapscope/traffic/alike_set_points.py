@@ -14,8 +14,8 @@ class AlikeSetPoints:
     A series contains only set points that the client sent once and that the controller accepted with S_OK.
     All frames of a series are undamaged. The requests of alike set points differ only in the serial, the
     reserved field and the numbers in the arguments. The replies to alike set points differ only in the
-    serial, the reserved field and the numbers in the value. A series of alike set points begins after an
-    accepted set point.
+    serial, the reserved field and the numbers in the value. A new series begins after each set point with
+    S_OK that does not belong to the current series.
     """
 
     def __init__(self) -> None:

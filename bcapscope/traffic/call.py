@@ -50,7 +50,7 @@ class FrameRole(StrEnum):
     """
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
-    the reply, because it retried.
+    the reply, because the client retried.
     """
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
@@ -111,15 +111,15 @@ class Call:
         gave_up_inferred: Whether bcapscope inferred `abandoned_at` only from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
             attempts surely belong to this call.
-        may_go_on: Whether attempts may be missing from this call. A missing attempt was not captured, or
-            bcapscope counts the attempt as another call. The client may have received the reply to a missing
-            attempt.
-        may_continue_in: The client's next call, if bcapscope may have mistaken retries of this call for a new
-            call; None for a complete call.
+        may_go_on: Whether this call may have later attempts: attempts that were not captured, or that
+            bcapscope counts as another call. If `may_go_on` is set, the client may have received the reply to
+            a later attempt.
+        may_continue_in: Newer call whose attempts may really be retries of this call; None after this call is
+            complete.
         was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
-        stray_replies: Replies and notices for attempts of this call that were not captured. These frames are
-            also reported as stray replies, because they came before the capture showed that the attempts
-            belong to this call.
+        stray_replies: Replies and notices that answer uncaptured attempts of this call. bcapscope also
+            reports each frame in `stray_replies` as a stray reply, because the call of the frame was unknown
+            at first.
         is_at_controller: Whether the user says that the capture was taken at the controller.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: True if no reply can follow, and the client has not yet begun its next call.
@@ -263,7 +263,7 @@ class Call:
 
     @property
     def lost_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies with the role `LOST`. The client evidently did not receive lost replies."""
+        """Captured replies that the client evidently did not receive (role `LOST`)."""
         return self._frames_with_role(FrameRole.LOST)
 
     @property

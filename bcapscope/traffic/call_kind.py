@@ -14,7 +14,7 @@ from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
 """Maximum number of request prefixes that `CallKinds` remembers. Beyond the limit, `CallKinds` forgets all
-prefixes. A session has a few dozen prefixes: one per pair of handle and command.
+prefixes. A client's requests have a few dozen different prefixes: one for each pair of handle and command.
 """
 
 MAX_CONVERSATIONS = 256

@@ -26,9 +26,7 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """No reply came in a very long time, or none came before the client's next call or the connection's
-    end.
-    """
+    """The client evidently received no reply to the call."""
     CAPTURE_ENDED = "capture_ended"
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
@@ -53,9 +51,8 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or value. A
     server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
-    DENSO Wave 2009 also shows two equal replies to a retried call. Handles that the controller skipped also
-    prove that the controller executed the call more than once. Skipped handles count as proof only if their
-    number is smaller than the number of the call's attempts.
+    DENSO Wave 2009 also shows two equal replies to a retried call. The verdict is also *executed twice* if
+    the controller skipped handles before the handle in the reply (see `Call.skipped_handles`).
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client
@@ -69,11 +66,11 @@ class CallVerdict(StrEnum):
     result. The verdict is also *reply lost* if a proxy recorded a reply only at the controller's side.
     """
     REQUEST_LOST = "request lost"
-    """S_EXECUTING was captured only for the answered attempt. The controller neither executed nor answered
-    the attempts before the answered attempt, so these attempts were lost. The verdict is also *request lost*
-    if a proxy recorded an attempt only at the client's side. The verdict is also *request lost* if a capture
-    at the controller lacks both an attempt and its reply. If a call lost both requests and replies, the first
-    loss determines the verdict.
+    """The controller sent S_EXECUTING for a retry, but not for the first attempt. The first attempt was
+    therefore lost before it reached the controller. The verdict is also *request lost* if a proxy recorded an
+    attempt only at the client's side. The verdict is also *request lost* if a capture at the controller lacks
+    both an attempt and its reply. If a call lost both requests and replies, the first loss determines the
+    verdict.
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a

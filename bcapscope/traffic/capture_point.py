@@ -1,8 +1,8 @@
 """Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
 A reply and a retry cross on the network if the client sends the retry before the client receives the reply. A
-reply that reaches the client after the client sent a retry is late. If the client retries although the reply
-should have arrived before the retry, the reply was lost. A capture on the client's computer shows whether a
+reply that reaches the client after the client sent a retry is late. If a reply had enough time to reach the
+client, and the client still retried, the reply was lost. A capture on the client's computer shows whether a
 reply was late or lost. In a capture from another computer, reply and retry may have crossed even if the reply
 was captured first. If a reply and a retry crossed, their capture times differ by at most the round-trip time
 between capture point and client.
@@ -52,8 +52,7 @@ class CrossingWindow:
     reaction time includes a round trip between capture point and client.
 
     Attributes:
-        considered_below_ns: Limit for the client's reaction times, ns. Reaction times at or above the limit
-            do not change `nanoseconds`.
+        considered_below_ns: Limit in ns: `CrossingWindow` uses only reaction times below this limit.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
@@ -69,8 +68,8 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Add the reaction time from the reply to a call until the client's next request. Retried calls are
-        ignored, because the client may have given up before the reply came.
+        """Add the client's reaction time: the time from the call's reply to the client's next request. Ignore
+        a retried call, because the client may have given up before the reply came.
         """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (

@@ -18,7 +18,9 @@ may still accept the reply to its previous request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
-"""Assumed number of timeouts without a further attempt after which a client gives up a retried call."""
+"""bcapscope assumes that a client gave up a retried call if no further attempt follows within this many
+timeouts.
+"""
 
 SHORTEST_SILENCE_NS = 50_000_000
 """Minimum silence in ns after which bcapscope assumes that the client gave up a call. A busy client or
@@ -69,16 +71,17 @@ def gives_up_at(call: Call) -> int:
 
 
 def waits_in_vain(call: Call, now: int) -> bool:
-    """Return whether an unanswered call began at least `TIMEOUTS_TO_GIVE_UP` - 1 timeouts ago. The result is
-    always False within `SHORTEST_SILENCE_NS` of the call's start, or if the client's timeout is unknown.
+    """Return whether an unanswered call has lasted at least `TIMEOUTS_TO_GIVE_UP - 1` times the client's
+    timeout. The result is False for a call younger than `SHORTEST_SILENCE_NS`, and if the client's timeout is
+    unknown.
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
     return silence > 0 and now - call.request.time >= silence
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return the client's timeout multiplied by `timeouts`, in ns, but at least `SHORTEST_SILENCE_NS`; 0 if
-    the client's timeout is unknown.
+    """Return how long `timeouts` timeouts of the client last, in ns; 0 if the client's timeout is unknown. A
+    known timeout gives at least `SHORTEST_SILENCE_NS`.
     """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
@@ -91,8 +94,9 @@ class ShownTimeouts:
         self._distances: dict[CallKind, deque[int]] = {}
 
     def add_call(self, call: Call) -> int:
-        """Learn the client's timeout from a complete call. Return the time when the client gave up before the
-        reply came, ns since 1970; 0 if the call has no overdue reply.
+        """Learn the client's timeout from a complete call. Return the time when the client stopped waiting
+        for a reply that came too late (see `OVERDUE_TIMEOUTS`), ns since 1970. Return 0 if no reply came too
+        late.
         """
         distances = attempt_distances(call)
         if not distances:

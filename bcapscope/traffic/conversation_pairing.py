@@ -66,7 +66,7 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # reserved field of the latest first attempt; on UDP, 1 stands for every value except 0; -1 if unknown
+        # reserved field in the first attempt of the latest call; -1 if unknown; on UDP, 1 if it is not 0
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
@@ -94,7 +94,7 @@ class ConversationPairing:
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. Return whether the request starts a new call, which gets the number `number`."""
+        """Add a request; return True if the request starts a call. The new call gets the number `number`."""
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -197,7 +197,7 @@ class ConversationPairing:
         begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            # the client gave the call up so long ago that a further reply would be late
+            # at least `LATE_WITHIN_NS` passed from `abandoned_at` to the start of the newest call
             is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
@@ -242,7 +242,7 @@ class ConversationPairing:
     def _add_after_strays(
         self, strays: Sequence[StrayReply], observation: FrameObservation, frame: Frame, number: int
     ) -> bool:
-        """Add a request, and the stray replies that answer earlier attempts of its call."""
+        """Add a request, then add each stray reply in `strays` that belongs to the request's call."""
         is_new = self.add_request(observation, frame, number)
         call = self._by_serial.get(frame.serial)
         if call is not None:  # not evicted
@@ -258,7 +258,7 @@ class ConversationPairing:
             if observation.time - waits_since(newest) >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-            elif frame.reserved in (0, frame.serial):  # the call of a retry began earlier
+            elif frame.reserved in (0, frame.serial):  # only a first attempt shows when its call began
                 self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
@@ -291,8 +291,8 @@ class ConversationPairing:
         return True
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """If a request belongs to the earlier call `prior`, add the request and return True. Only a copy of
-        an attempt, or a first attempt that arrived after a retry, belongs to `prior`.
+        """Add a request to the call `prior` if the request is a copy of an attempt of `prior`, or a first
+        attempt that a retry overtook. Return whether the request was added to `prior`.
         """
         if self._is_tcp:
             return False

@@ -1,5 +1,6 @@
-"""Find calls that the controller executed more than once, and replies that the capture lacks. The evidence is
-the sequence of handles that the controller gave in a session.
+"""Examine the handles that a controller gave in a session. A skipped handle shows that the controller
+executed a retried call more than once. If the controller accepts an unknown handle, the capture lacks a
+reply.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ class HandleSequence:
     """The handles of one conversation. In each session, the controller gives successive numbers."""
 
     def __init__(self) -> None:
-        self._last_handle = 0  # the last handle returned in this session
+        self._last_handle = 0  # handle in the latest reply of this session; 0 if there is none
         # handles given in this session; None if the capture lacks the start of the session
         self._given: set[tuple[ObjectClass | None, int]] | None = None
 
@@ -43,8 +44,8 @@ class HandleSequence:
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
         """Return whether later calls prove that the client received a reply to `call`, although the capture
-        lacks the reply. A later call proves the missing reply if the controller accepts a handle that no
-        captured reply of the session contains.
+        lacks the reply. If the controller accepts a handle that no captured reply contains, the capture lacks
+        the reply with this handle.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

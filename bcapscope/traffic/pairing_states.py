@@ -1,8 +1,8 @@
 """Table of the states of a call, and of the events that change its state while its frames are captured.
 
 `TRANSITIONS` maps each pair of state and event to the next state of the call. `TRANSITIONS` also gives the
-role of the frame that the event adds to the call. `ConversationPairing` determines the event of a frame from
-serials, bytes and times. A pair of state and event that is missing from the table cannot occur.
+role of the frame that the event adds to the call. `ConversationPairing` determines from serials, bytes and
+times which event a frame causes. A pair of state and event that is missing from the table cannot occur.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import NamedTuple
 from bcapscope.traffic.call import CallState, FrameRole
 
 CAPTURED_AGAIN_WITHIN_NS = 1_000_000
-"""Maximum time in ns between two captures of one packet, such as on two interfaces or a mirror port. An exact
-copy within this time is probably the same packet, because a retry has a new serial.
+"""Maximum time in ns between two records of one packet, such as from two interfaces or a mirror port. An
+exact copy within this time is probably the same packet, because a retry has a new serial.
 """
 
 
@@ -78,7 +78,7 @@ _ROLES_WITHOUT_CHANGE = {
     CallEvent.EARLIER_REPLY: FrameRole.LATE,
     CallEvent.UNDELIVERED_REPLY: FrameRole.LOST,
 }
-"""Role of the added frame, for each event that leaves the state of an open call unchanged."""
+"""Events that leave the state of an open call unchanged, and the role of the frame that each event adds."""
 
 TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (state, event): Transition(state, role)

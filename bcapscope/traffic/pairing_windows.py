@@ -40,10 +40,10 @@ server no longer answers (orin_bcap C/src/bCAPServer/bcap_server.c).
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies in all open calls of a conversation together. 65536
-retries, notices and replies take about 30 MB of memory. If a call exceeds the limit, this call and all
-earlier calls are evicted. Further frames of the evicted call start another call. The older C client retries
-without end (start-jsk/denso b-Cap.c). A client that retries every 20 ms without end reaches the limit within
-22 minutes.
+retries, notices and replies take about 30 MB of memory. Beyond the limit, bcapscope evicts the call of the
+latest frame and all earlier calls of the conversation. A further attempt of an evicted call starts another
+call. The older C client retries without end (start-jsk/denso b-Cap.c). A client that retries every 20 ms
+without end reaches the limit within 22 minutes.
 """
 
 FRAME_COST = 512
@@ -59,9 +59,9 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
     """Return the time, in ns since 1970, after which an open call without a reply can get no further frame.
 
     Args:
-        latest_answered: Highest number of an answered call of the conversation.
-        answered_early: Call number and reply time of each call that was answered while an older call was
-            open, oldest first.
+        latest_answered: Highest `Call.number` of the answered calls in the conversation.
+        answered_early: Call number and reply time of each call that was answered before an older call,
+            earliest reply first.
     """
     quiet = call.last_activity
     if call.abandoned_at:
@@ -76,11 +76,12 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 
 
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
-    """Set `no_reply_expected` of the open calls at the end of a conversation.
+    """Set `no_reply_expected` of all open calls, because their conversation has ended.
 
-    Controllers answer in order, so bcapscope expects no reply to a call if a later call has a reply. The
-    network reorders replies only within a short time. bcapscope expects no reply to a call that the client
-    gave up before the capture ended. The times between the attempts show when the client gave up the call.
+    Controllers answer in order, so bcapscope expects no reply to a call if a later call has a reply. On UDP,
+    the reply to an older call can come up to `COPIES_WITHIN_NS` after the reply to a newer call. A client
+    that has given up a call accepts no reply to this call. The times between the attempts show when the
+    client gave up the call.
 
     `open_calls` lists the oldest call first. `now` is the time when the capture ended, ns since 1970; 0 if
     nothing was captured after the conversation.

@@ -14,7 +14,7 @@ Value = TypeVar("Value")
 
 
 class RecentSerials(Generic[Value]):
-    """Values of the latest serials. Two tables let old serials expire without a search."""
+    """Values of the latest serials."""
 
     __slots__ = ("_earlier", "_latest")
 

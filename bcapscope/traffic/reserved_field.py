@@ -16,8 +16,9 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return what is known about the reserved field after a request on TCP. If serial and reserved field
-        are both 1, nothing changes: the 1 may be the protocol version or the serial.
+        """Return the usage of the reserved field, updated with the evidence from a request on TCP. A request
+        with serial 1 and 1 in the reserved field is no evidence: this 1 may be the protocol version or the
+        serial.
         """
         if reserved == serial == 1:
             return self
@@ -28,8 +29,8 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Return what is known about the reserved field after a first attempt on UDP. The reserved field of a
-        first attempt holds 0 or the attempt's own serial.
+        """Return the usage of the reserved field, updated with the evidence from a first attempt on UDP. The
+        reserved field of a first attempt holds 0 or the attempt's own serial.
         """
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
@@ -42,7 +43,7 @@ class ReservedFieldUsage(NamedTuple):
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool
     ) -> ReservedFieldUsage:
-        """Return what is known about the reserved field after a retry.
+        """Return the usage of the reserved field, updated with the evidence from a retry.
 
         Args:
             origin: Serial of the call's first attempt, whether the first attempt was captured or not.
@@ -58,8 +59,8 @@ class ReservedFieldUsage(NamedTuple):
         return self._replace(convention=ReservedConvention.SEED)
 
     def after_reply(self, request_reserved: int, reply_reserved: int) -> ReservedFieldUsage:
-        """Return what is known about the reserved field after a reply. `request_reserved` is the reserved
-        field of the answered request.
+        """Return the usage of the reserved field, updated with the evidence from a reply. `request_reserved`
+        is the reserved field of the answered request.
         """
         if request_reserved == 0 or reply_reserved not in (0, request_reserved):
             return self

@@ -7,7 +7,9 @@ from bcapscope.traffic.recent_serials import RecentSerials
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials. `MAX_REUSED` also limits the waiting TCP calls of each reused serial."""
+"""Maximum number of reused serials. `MAX_REUSED` also limits how many TCP calls with the same serial wait for
+a reply.
+"""
 
 
 class SerialTable:
@@ -16,7 +18,7 @@ class SerialTable:
     Attributes:
         open_calls: Maps the serial of each attempt to the open call.
         reused: Maps each serial that a TCP client reused to the earlier calls that still wait for a reply,
-            oldest first. The table replaces each complete call with the number of the call.
+            oldest first. For a complete call, the list holds only `Call.number`.
     """
 
     def __init__(self) -> None:

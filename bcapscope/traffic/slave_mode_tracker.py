@@ -34,7 +34,9 @@ class SlaveModeEffect(Enum):
     """Effect of a call on slave mode, or what the call shows about slave mode."""
 
     SET_POINT = "set point"
-    """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
+    """The call is a set point. The controller accepted the set point, the controller's buffer was full, or
+    the capture lacks a reply.
+    """
     SET_POINT_FAILED = "set point failed"
     """The call is a set point that the controller refused for another reason than a full buffer or inactive
     slave mode.

@@ -16,9 +16,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
 """Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
-limit, the conversation with the most open calls loses the older half of its open calls. Four clients that
-send a set point every 2 ms without a reply reach the limit. An evicted call counts as unanswered if the
-client gave up this call at least 1 s before the client's newest call.
+limit, the conversation with the most open calls loses the older half of its open calls. Four clients reach
+the limit if each client sends a set point every 2 ms and gets no replies.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -58,7 +57,7 @@ class Tracker:
         self._kinds = CallKinds()
         self._calls_started = 0
         self._calls_settled = 0
-        self._latest_evicted = 0  # `Call.number` of the latest call when a conversation was last evicted
+        self._latest_evicted = 0  # `_calls_started` at the latest eviction of a whole conversation
         self._results: list[PairingResult] = []
         self._swept_at = 0
         self._next_sweep_at = 0
@@ -154,7 +153,9 @@ class Tracker:
         self._swept_at, self._next_sweep_at = now, now + SWEEP_NS
 
     def _evict_half(self, size: Callable[[ConversationPairing], int]) -> None:
-        """Evict the older half of the open calls in the conversation that is largest by `size`."""
+        """Evict the older half of the open calls in the conversation for which `size` returns the highest
+        value.
+        """
         largest = max(self._pairings.values(), key=size)
         self._collect(largest.evict_oldest((len(largest.open_calls) + 1) // 2))
 

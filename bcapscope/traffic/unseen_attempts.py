@@ -45,9 +45,9 @@ class UnseenRequests:
     """Stray replies to one client. The capture lacks the requests of these replies.
 
     A stray reply with an earlier serial than the client's latest captured request answers an uncaptured
-    request. A stray reply with a later serial may answer an uncaptured retry of the client's newest call. The
-    serial of the client's next request shows whether the client really sent the uncaptured retry. The
-    client's next request may also show to which call a stray reply belongs.
+    request. A stray reply with a later serial than all captured requests may answer an uncaptured retry of
+    the newest call. The serial of the client's next request shows whether the client really sent the
+    uncaptured retry. The client's next request may also show to which call a stray reply belongs.
 
     Attributes:
         waiting: Whether the class holds stray replies until the client's next request.
@@ -56,8 +56,8 @@ class UnseenRequests:
     def __init__(self) -> None:
         self._recent: list[StrayReply] = []
         self._noticed: set[int] = set()
-        self._latest = 0  # latest serial of the newest call; set by `pop_before`
-        self._newest: Call | None = None  # the client's newest call before the stray replies
+        self._latest = 0  # serial of the newest call's last captured attempt; set by `pop_before`
+        self._newest: Call | None = None  # the client's newest call when the latest stray reply came
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
@@ -82,12 +82,12 @@ class UnseenRequests:
         del self._recent[: -2 * MAX_UNSEEN]
 
     def pop_before(self, serial: int) -> list[StrayReply]:
-        """Return the stray replies to attempts that the client sent before its next request. `serial` is the
-        serial of the client's next request.
+        """Return the held stray replies whose serials are earlier than `serial`, the serial of the client's
+        next request.
 
-        `pop_before` drops each stray reply whose serial is `serial` or later, and sets `request_missed` of
-        the dropped reply to False. If the next request is only a copy of the client's latest request,
-        `pop_before` returns no replies and drops none.
+        `pop_before` drops every stray reply with the serial `serial` or a later serial, and sets
+        `request_missed` of this reply to False. If the next request is only a copy of the client's latest
+        request, `pop_before` returns no replies and drops none.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -109,11 +109,11 @@ class UnseenRequests:
         return found
 
     def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
-        """Add each stray reply to `call` if the reply answers an attempt of `call` that was not captured.
+        """Add to `call` each stray reply whose serial belongs to an uncaptured attempt of `call`.
 
-        Other stray replies may answer attempts of the client's previous call. `named` is the reserved field
-        of the client's next request. If `named` is the serial of an uncaptured attempt of the newest call,
-        `assign` adds only the reply to this attempt.
+        Other stray replies may answer attempts of the call that was newest when these replies came. `named`
+        is the serial that the client's next request holds in its reserved field. If `named` belongs to an
+        uncaptured retry of the newest call, `assign` adds only stray replies with the serial `named`.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -149,8 +149,9 @@ def find_retried_call(
     """Decide whether a retry belongs to `newest`. The reserved field of the retry holds the serial of an
     uncaptured attempt.
 
-    Return (`newest`, `newest`) if the retry probably belongs to `newest`. Return (None, `newest`) if the
-    retry possibly belongs to `newest`. Return (None, None) if the retry does not belong to `newest`.
+    Return the pair (`newest`, `newest`) if the retry probably belongs to `newest`. Return the pair (None,
+    `newest`) if the retry only possibly belongs to `newest`. Return (None, None) if the retry belongs to
+    another call.
 
     The reserved field of a retry holds the first attempt's serial, except with the convention `CHAIN`.
     """
@@ -169,11 +170,10 @@ def find_retried_call(
 
 
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
-    """Set `may_go_on` of the unanswered `call` if the client's next call may consist of retries of `call`.
+    """Set `may_go_on` of an unanswered call if the client's later calls may really be retries of this call.
 
-    Retries of `call` may appear as several later calls. The controller sends S_EXECUTING only for one attempt
-    of a call: the first attempt that the controller receives. A second S_EXECUTING therefore belongs to
-    another call.
+    The controller sends S_EXECUTING only for one attempt of a call: the first attempt that the controller
+    receives. A second S_EXECUTING therefore belongs to another call.
     """
     later, call.may_continue_in = call.may_continue_in, None
     if convention in (ReservedConvention.SEED, ReservedConvention.OWN):

@@ -65,8 +65,7 @@ class FirstFrameQueue(Generic[Key]):
 
         Return the connection that the caller must drop to make room; None if there is room. The queue finds
         the source network that has the most connections, and drops the oldest connection of this network. The
-        bytes that a connection has sent do not protect the connection. An honest client that has just
-        connected has sent no bytes yet.
+        choice ignores the bytes that a connection has sent, because an honest client may have sent none yet.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))

@@ -48,8 +48,8 @@ TERMINAL_CHECK_INTERVAL = 1.0
 _GC_THRESHOLDS = (2_000, 20, 1000)
 """Thresholds of Python's garbage collector. The screen handles no key while the garbage collector runs.
 
-The thresholds make slow runs of the garbage collector rare. The garbage collector takes 1 ms for new
-objects, 30 ms for older objects, and 50 ms for all objects.
+With these thresholds, the garbage collector rarely examines older objects. The garbage collector takes
+1 ms for new objects, 30 ms for older objects, and 50 ms for all objects.
 """
 
 

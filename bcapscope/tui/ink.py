@@ -1,9 +1,9 @@
-"""Ink marks in rendered lines. An ink mark is a control character that selects a style of the theme for the
-text after it.
+"""Ink marks in rendered lines. An ink mark is a control character that sets the style of the text after the
+ink mark.
 
-A renderer writes a style code from a `Palette` before each piece of text. In the palette `INK`, each style
-code is one character below U+0020. bcapscope escapes the control characters in text from the wire, so
-text from the wire contains no ink mark.
+A renderer writes a style code from a `Palette` before each piece of text. The palette `INK` uses ink marks as
+style codes. Text from the wire cannot contain ink marks, because bcapscope escapes all control characters in
+text from the wire.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ STYLE_NAMES: Mapping[str, str] = {
     LIT: "lit",
     CURSOR: "cursor",
 }
-"""For each ink mark, the name of the style that the mark selects for the text after it."""
+"""Maps each ink mark, except `INK.reset`, to the name of a style."""
 
 Styles = Mapping[str, Style]
 """Style of the theme for each name in `STYLE_NAMES`."""

@@ -32,10 +32,9 @@ _MOUNT_POLL_INTERVAL = 0.02
 
 @dataclass
 class KeyHandled(Message):
-    """A marker message that follows a key through the widgets. The marker arrives after the widgets have
-    handled the key.
-
-    A second marker arrives after the widgets have handled all events that the key caused.
+    """A message that the application posts after a key. When the message arrives, the widgets have handled
+    the key. When a message with `is_second` arrives, the widgets have also handled all events that the key
+    caused.
     """
 
     target: MessagePump

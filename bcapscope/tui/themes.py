@@ -45,8 +45,8 @@ block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
 """
 """Table of colours: one row per colour name, and one column per theme.
 
-Rows whose names begin with "ink-" are styles of rendered lines. The style sheet can use the colours whose
-names begin with "ink-", "border" or "block-" as variables.
+Rows whose names begin with "ink-" are styles of rendered lines. A colour whose name begins with "ink-",
+"border" or "block-" is a variable of the style sheet.
 """
 
 _VARIABLE_PREFIXES = ("ink-", "border", "block-")

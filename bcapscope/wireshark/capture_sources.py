@@ -250,7 +250,7 @@ def capture_sources() -> dict[str, CaptureSource]:
 
 _LINKTYPE_RAW = 101
 _UNQUOTABLE = str.maketrans("{}\r\n\t", "()   ")
-"""Braces and line ends delimit values and sentences, and the protocol has no way to quote them."""
+"""In extcap, braces enclose a value, and a line end ends a sentence. extcap cannot quote these characters."""
 
 _FILE_TYPES = "Scenarios (*.yaml *.yml);;All files (*)"
 

@@ -346,12 +346,12 @@ def test_nobody_listens() -> None:
     [
         (
             ("Robot_Execute", "Motor", "1", "0"),
-            "Robot_Execute takes bstrCommand vntParam; '0' is too many. If vntParam has several values, "
+            "Robot_Execute takes bstrCommand vntParam. Remove '0'. If vntParam has several values, "
             "separate them with commas: 1,0",
         ),
-        (("Robot_Execute", "2", "Motor", "1", "0"), "takes hRobot bstrCommand vntParam; '0' is too many"),
-        (("Controller_GetTag", "1", "2", "3"), "Controller_GetTag takes hController; '2', '3' are too many"),
-        (("Service_Stop", "now"), "Service_Stop takes no arguments; 'now' is too many"),
+        (("Robot_Execute", "2", "Motor", "1", "0"), "takes hRobot bstrCommand vntParam. Remove '0'"),
+        (("Controller_GetTag", "1", "2", "3"), "Controller_GetTag takes hController. Remove '2', '3'"),
+        (("Service_Stop", "now"), "Service_Stop takes no arguments. Remove 'now'"),
     ],
 )
 def test_arguments_that_are_too_many_are_named(words: tuple[str, ...], reason: str) -> None:

@@ -1,8 +1,9 @@
 """Report errors from the controller's error list as causes of earlier refusals.
 
 Some refusals name no cause. For example, the code 84201486 says only that the controller abandoned set points
-because of an earlier error. The controller's error list contains the code of the earlier error.
-`ErrorListChecker` reports the earlier error as a finding of the rule that covers the error code.
+because of an earlier error. The controller's error list can contain the code of the error that caused a
+refusal. `ErrorListChecker` finds the error that explains a refusal, and reports this error under the rule for
+the error's code.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ _LASTING = (
     *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
     "manual-reset-missing",
 )
-"""Rules about states that ClearError does not end. A refusal with a code in `ACTIVE_CODES` is linked only to
-errors that rules in `_LASTING` report. If no rule in `_LASTING` reports an error, this error blocks calls
-only until the client calls ClearError.
+"""Rules about problems that ClearError does not end. ClearError ends every error that belongs to a rule
+outside `_LASTING`. `ErrorListChecker` explains a refusal with a code in `ACTIVE_CODES` only by an error whose
+rule is in `_LASTING`.
 """
 
 _MAX_CONTROLLERS = 256
@@ -104,8 +105,8 @@ class _ControllerErrors:
 class ErrorListChecker(RuleChecker):
     """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    A client's refused call can reach the checker after another client's call that read the error. Therefore
-    the checker remembers the latest errors that clients read.
+    The checker may get calls of different clients in any order. Therefore the checker remembers the
+    latest errors that clients read, and compares these errors with each later refusal.
     """
 
     def set_up(self) -> None:
@@ -156,9 +157,9 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report the error in `read` if this error explains the refused call `refused.first`. The error list
-        begins with the newest error. If the error list contains the code of the refusal, the errors after
-        this code are older than the refusal.
+        """Report the error `read.code` if this error explains the first refusal in `refused`. The error list
+        begins with the newest error. Below the code of a refusal, the error list has only errors that
+        occurred before the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

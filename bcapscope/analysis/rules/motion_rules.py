@@ -28,7 +28,7 @@ _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
 
 
 class _TimedCall(NamedTuple):
-    """A call that moves the robot or changes its speed, or all set points of a slave-mode session."""
+    """One motion or one change of speed. All set points of a slave-mode session count as one motion."""
 
     conversation: Conversation
     began: int

@@ -37,7 +37,7 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Calls and replies of one client, which `ReplyChecker` judges after later traffic of this client.
+    """Calls and replies that `ReplyChecker` can judge only after it has seen more traffic of the client.
 
     Attributes:
         given_up: Latest call without a reply; the client gave this call up, or the client program stopped.
@@ -323,7 +323,7 @@ class _AttemptIndex:
 
     def given_up_at(self, reply: FrameObservation) -> int:
         """Return the time, in ns since 1970, at which the client gave up the attempt that `reply` answers.
-        Return 0 if the client had not given up this attempt when `reply` arrived.
+        Return 0 if `reply` is not late.
         """
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)

@@ -184,7 +184,7 @@ def _may_hold_position(client: ClientState) -> bool:
 
 
 def _answered_before(before: Call, call: Call) -> bool:
-    """Return whether the call `before` was answered, or may have been answered, when `call` was sent."""
+    """Treat an earlier call with an unknown reply as an answered call."""
     if before.evicted or before.reply_not_captured:
         return True
     return before.reply is not None and before.reply.time <= call.request.time

@@ -109,9 +109,9 @@ class RuleChecker:
 
     Attributes:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). A capture can
-            contain millions of set points. If `needs_every_set_point` is False, `on_call` gets only the first
-            of successive alike set points (see `AlikeSetPoints`). If `needs_every_set_point` is True,
-            `on_call` may get many alike set points before bcapscope updates `client`.
+            contain millions of set points. If `needs_every_set_point` is False, `on_call` gets no set point
+            of a series (see `AlikeSetPoints`). If `needs_every_set_point` is True, `on_call` may get many set
+            points of a series before bcapscope updates `client`.
     """
 
     needs_every_set_point: ClassVar[bool] = False
@@ -169,7 +169,7 @@ class RuleChecker:
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. `client` is the state of the call's client before the call."""
+        """Check a completed call. The state in `client` does not include this call yet."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""

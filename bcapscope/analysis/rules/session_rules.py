@@ -44,9 +44,7 @@ from bcapscope.traffic.observation import Transport
 
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""If the controller answers an attempt of a long call within this time (in ns), lost packets made the call
-long.
-"""
+"""If the controller answers an attempt within this time in ns, the call took long because of packet loss."""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
@@ -296,9 +294,7 @@ def _share_call_slot(one: Call, other: Call) -> bool:
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call, if the controller may have been busy with it when `call` was
-    sent.
-    """
+    """Return the latest slow call of `client` if `call` began, or may have begun, during this slow call."""
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 

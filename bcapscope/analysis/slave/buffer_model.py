@@ -14,11 +14,13 @@ The model is a prediction, not an observation. It assumes:
   S_BUF_FULL means that the buffer is full. In modes in which the controller sets the pace, a set point is in
   the buffer before its reply arrives.
 
-The controller's phase is the moment in each period at which the controller takes a set point. A capture does
-not show the controller's phase, so the model assumes the earliest phase. In the latest phase, each set point
-may arrive one period later. Therefore a set point that is at most one period late counts as a possible
-underflow. A set point that is more than one period late counts as a predicted underflow. The model predicts
-an overflow only if the buffer would be full for every possible phase of the controller.
+The controller takes set points from the buffer at the same moment of each period. A capture does not show
+at which moment of a period the controller takes set points. The model assumes that the controller takes each
+set point at the earliest possible moment. The real deadlines may be up to one period later than the deadlines
+of the model. If a set point misses the model's deadline by at most one period, the model counts a possible
+underflow. If a set point misses the model's deadline by more than one period, the model counts a predicted
+underflow. The model predicts an overflow only if the buffer would be full no matter when in a period the
+controller takes set points.
 `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
 these numbers.
 """
@@ -82,10 +84,10 @@ class BufferFacts:
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of set points that were at most one period late. Each of these set points
-            may have been in time, because the capture does not show the controller's phase.
-        overflows: Number of set points that arrived while the buffer was full for every possible phase of the
-            controller.
+        possible_underflows: Number of set points that were at most one period late in the model. These set
+            points may still have reached the controller in time.
+        overflows: Number of predicted overflows: set points that arrived while the model's buffer was
+            certainly full.
         overflow_frames: Frame numbers of the set points that caused the first predicted overflows.
         overwritten: Number of set points that were replaced before the controller took them; 0 if
             `overwrites` is False.
@@ -160,13 +162,14 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The controller's phase is unknown, so an overflow is certain only if `_excess_ns` is more than two
-        # periods. If a new set point replaces the waiting set point, the limit for `_excess_ns` is one
-        # period. In modes in which the controller sets the pace, the buffer never overflows.
+        # The model does not know when in a period the controller takes set points. An overflow is certain
+        # only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set point,
+        # the limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the buffer
+        # never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # ns; one period per set point that does not fit into the buffer
+        self._excess_ns = 0  # time in ns by which set points exceed the capacity of the buffer
         self._empty_at = 0  # time when the controller will find the buffer empty if no set point arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []

@@ -1,9 +1,9 @@
 """Extract the trajectory of each slave-mode session from the captured set points.
 
-One step is one slvMove call, however many retries it has. The time of a step is the time of its call's first
-request. Refused set points are left out, because the controller did not take them. Set points without a
-captured reply are kept, because the controller may have taken them, and a gap in the trajectory would look
-like a jump.
+Each slvMove call is one set point of the trajectory, even if the client retried the call. The time of a set
+point is the time of its first request. Refused set points are left out, because the controller did not take
+these set points. Set points without a captured reply are kept, because the controller may have taken these
+set points. Without these set points, a gap in the trajectory would look like a jump.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MAX_NOT_SELECTED = 64 * 2048
 
 
 class LeftOutReason(StrEnum):
-    """The reason why a set point is not a step of the trajectory."""
+    """The reason why the trajectory does not contain a set point."""
 
     REFUSED = "refused"
     AFTER_END = "after-end"
@@ -47,12 +47,12 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """A trajectory from a slave-mode session, without the steps.
+    """Facts about a trajectory that was captured in a slave-mode session.
 
     Attributes:
         session_number: Number of the slave-mode session, the same as in the output of ``slave``.
         robot: Handle of the robot; None if the handle is unreadable.
-        start: Time of the first request of the first step, ns since 1970.
+        start: Time of the trajectory's first request, ns since 1970.
         has_stamps: Whether the replies contain the controller's time stamps.
         grid_ms: Period that the set points should keep, ms.
     """
@@ -90,12 +90,12 @@ class TrajectoryStep(NamedTuple):
 
 
 TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]]"
-"""Successive steps of one trajectory."""
+"""A trajectory, and some of its set points in the order of the trajectory."""
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Extracts trajectory steps from completed calls, and appends the steps to the list `ready`. The caller
-    reads the steps from `ready` and empties this list.
+    """Extracts set points from completed calls, and appends these set points to the list `ready`. The caller
+    must read and empty the list `ready`.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_set_points(calls))
 
     def finish(self) -> None:
-        """Append the remaining steps to `ready`. Call this method at the end of the traffic."""
+        """Append the remaining set points to the list `ready`, at the end of the traffic."""
         self._detector.process_waiting()
 
     @property

@@ -1,8 +1,8 @@
-"""Read the numbers of many frames in one step.
+"""Read poses and time stamps from many frames in one step.
 
 The frames of a slave-mode session's set points differ only in the serial, the reserved field and the numbers
 in their arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no
-problems. With this template, the reader reads the numbers of all similar frames into columns.
+problems. With the template, `ColumnReader` copies poses and time stamps from all similar frames into columns.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ class _ColumnTemplate:
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to `columns`. The numbers of frame `data[i]`
-        go to row `rows[i]` of `columns`. The frames must match this template.
+        """Copy the pose and time stamp of each frame in `data` to `columns`. Row `i` of `data` is copied to
+        row `rows[i]` of `columns`. The frames must match this template.
         """
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
@@ -89,11 +89,11 @@ class ColumnReader:
     """Reads poses and time stamps from the frames of one direction of a slave-mode session."""
 
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
-        """Create a reader of one argument.
+        """Create a reader for the argument with the index `argument`.
 
         `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
-        missing time stamp is None. To learn a template, the reader calls `pick` with the index of each number
-        instead of the number. Therefore `pick` must not depend on the values of the numbers.
+        missing time stamp is None. To learn a template, `ColumnReader` replaces each number in the argument
+        of `pick` with the index of the number. `pick` must choose numbers by position, never by value.
         """
         self._argument = argument
         self._pick = pick
@@ -101,7 +101,9 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read the pose (`axes` numbers) and the time stamp of `count` frames, all with complete headers."""
+        """Read the pose and the time stamp of each frame. `axes` is how many numbers a pose has. All frames
+        must have complete headers.
+        """
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:

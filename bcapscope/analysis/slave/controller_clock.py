@@ -19,8 +19,8 @@ _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
 """If time stamps advance by at least 30 per ms of capture time, their unit is µs. Time stamps in ms advance
-by 1 per ms, and time stamps in µs advance by 1000 per ms. The limit is about the geometric mean of 1 and
-1000.
+by 1 per ms, and time stamps in µs advance by 1000 per ms. The limit of 30 per ms is near the geometric
+mean of 1 per ms and 1000 per ms.
 """
 
 
@@ -31,8 +31,8 @@ class ClockFacts:
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
-        unit_known_by: Message that says what shows the unit: a captured slvRecvFormat call, or the rate at
-            which the time stamps advance.
+        unit_known_by: Message that says how the unit is known: from a captured slvRecvFormat call, or from
+            the rate of the time stamps.
         drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
             the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
@@ -59,7 +59,7 @@ class ClockFacts:
 class ControllerClock:
     """Compares the controller's time stamps with the times at which the replies were captured.
 
-    A time stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
+    A time stamp is a signed 32-bit number. The client chooses the unit, ms or µs (DENSORobot/denso_robot_ros2
     denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
     network delay is nearly constant. Therefore a line through all pairs of time stamp and capture time has a
     slope that shows the drift of the clocks.

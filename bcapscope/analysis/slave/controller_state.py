@@ -74,7 +74,7 @@ class ControllerState:
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
         """Add a session without set points to `pending_sessions`. If `pending_sessions` is full, remove and
-        return its oldest session; otherwise return None.
+        return the oldest pending session; otherwise return None.
         """
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:
@@ -83,8 +83,8 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Remove and return the pending session to which a first set point belongs: the session of the same
-        client or, if there is none, the oldest session. Return None if no session is pending.
+        """Remove and return the pending session with this key. If no pending session has this key, remove and
+        return the oldest pending session. Return None if no session is pending.
         """
         if not self.pending_sessions:
             return None

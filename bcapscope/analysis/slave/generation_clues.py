@@ -41,8 +41,8 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Minimum strength of a clue to the controller's generation. A rule needs a clue of this strength to report a
-set point whose number type is wrong for the generation.
+"""Minimum strength of a clue to the controller's generation. If the clue is weaker, no rule reports that set
+points have the wrong number type for this generation.
 """
 
 # Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.

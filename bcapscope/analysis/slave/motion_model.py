@@ -1,9 +1,9 @@
 """The motion that set points command: steps, velocities and accelerations of each axis. Also the returned
 poses.
 
-A controller takes one set point per period, no matter when within the period the set point arrived. Velocity
-and acceleration are therefore computed from one step per period, not from the times when the client sent the
-set points.
+A step is the change of an axis's position from one set point to the next. A controller takes one set point
+per period, no matter when within the period the set point arrived. Therefore `MotionModel` computes velocity
+and acceleration as if the client sent exactly one set point per period.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 JUMP_TIMES = 5.0
 """A step is an isolated jump if it is more than five times as large as each neighbouring step.
 
-No robot can change its speed this much within 8 ms. In a normal motion, the step before or after a large step
-is also large.
+No robot can change its speed this much within 8 ms. In a normal motion, an axis that moves far in one
+period also moves far in a neighbouring period.
 """
 
 SMALLEST_JUMP = 0.2
-"""Smallest step that can be a jump, in degrees or mm. At a cycle time of 8 ms, this step is a speed of 25
-degrees or mm per second. A smaller step is rounding or noise.
+"""Smallest distance between successive set points that can be a jump, in degrees or mm. Shorter distances
+are rounding errors or noise. At a cycle time of 8 ms, this distance means a speed of 25 degrees or mm per
+second.
 """
 
 LARGEST_STEP = 180.0
-"""Largest step in degrees or mm that can be normal motion. A larger step is always a jump. At a cycle time of
-8 ms, this step is a speed of 22,500 degrees or mm per second. No source gives a limit for every axis, but
-this step is far above the limit of any axis.
+"""Largest distance between successive set points that can be normal motion, in degrees or mm. A longer
+distance is always a jump. At a cycle time of 8 ms, this distance means a speed of 22,500 degrees or mm per
+second. No source gives a speed limit for every axis, but a speed of 22,500 is far above any limit.
 """
 
 _FIGURE = "Fig"
@@ -100,8 +101,8 @@ class JumpKind(Enum):
     ISOLATED = "isolated"
     """The step is far larger than the step before it and the step after it."""
     OUTLIER = "outlier"
-    """A single set point is away from the path of the set points around it. The step to this set point and
-    the step back are far larger than the steps before and after them.
+    """A single set point is away from the path of the set points around it. The axis jumps to this set point
+    and then jumps back.
     """
     IMPLAUSIBLE = "implausible"
     """The step is larger than `LARGEST_STEP`."""
@@ -134,14 +135,15 @@ class MotionFacts:
     Attributes:
         read: Number of set points with a readable pose.
         unread: Number of set points whose pose is unreadable or of another type.
-        not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
-        not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
+        not_finite: Number of set points with a NaN or an infinity. All other figures leave out set
+            points with a NaN or an infinity.
+        not_finite_frames: Frame numbers of the requests with a NaN or an infinity, at most `MAX_LISTED`.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
         repeated: Number of set points that are equal to the previous set point.
         stutters: Number of repeated set points in the middle of a motion. Each stutter makes the robot stop
             for one period.
-        stutter_frames: Numbers of the request frames of the first stutters.
+        stutter_frames: Frame numbers of the requests that made the robot stutter, at most `MAX_LISTED`.
         jumps: Number of jumps of all kinds (see `JumpKind`).
         figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for
             joint positions.
@@ -238,7 +240,7 @@ class MotionModel:
         self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
         self._steps, self._changes, self._differences = (_FigureByAxis(count) for _ in range(3))
         self._lag = AxisLag(count)
-        # `_find_jumps` compares a step with its neighbours, so the last four set points are kept.
+        # `_tail` keeps the latest four set points, which `_find_jumps` compares with the next set points.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
@@ -265,7 +267,7 @@ class MotionModel:
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> _StartDistance:
         """Return the first set point's distance from the pose in its reply. If the reply has no pose, return
-        the distance from the known position.
+        the distance from the position that the controller last reported before the session.
         """
         first, position, axes = commanded.poses[0], self._position, len(self._axes)
         if not axes or not np.isfinite(first).all():
@@ -332,7 +334,9 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # ignore the step before each jump in the search for outliers
+        # An outlier has two steps: away from the path, and back to the path. A step that counts as a jump of
+        # another kind cannot be the step back.
+        counted[:-1] |= counted[1:]
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns

@@ -1,8 +1,8 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
 A client may pause or slow down while the robot stands still, and may wait longer after lost packets. A cycle
-therefore counts only if it lies between two steps of the motion, and if the previous set point was answered
-at its first attempt.
+from one set point to the next counts only if the robot moves to both set points. A cycle does not count if
+its first set point was retried or unanswered.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
-"""Longest cycle in ms that counts for the pace. A longer cycle is a pause."""
+"""Longest cycle in ms that counts for the pace. A cycle longer than `LONGEST_CYCLE_MS` is a pause."""
 
 PROMPT_MS = 1.0
 """If a client waits only for the reply, its next set point follows the reply within this time in ms."""
@@ -57,7 +57,7 @@ class MotionPaceModel:
         """Add set points. `cycles` has the cycle time before each set point, ms; NaN if unknown.
 
         Args:
-            in_motion: For each set point, whether the robot moves in the cycle before it.
+            in_motion: For each set point, whether the robot moves to this and to the previous set point.
             grid_ms: Cycle time that the client should keep, in ms.
         """
         # After lost packets, the time to the next set point does not show the client's pace.

@@ -41,8 +41,8 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples. If there are too many samples, each pair of neighbours
-    becomes one.
+    """Summarises successive set points as samples. If there are more than `MAX_SAMPLES` samples, the sampler
+    merges every two neighbouring samples into one sample.
     """
 
     def __init__(self, axes: int, origin: int) -> None:

@@ -35,8 +35,8 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of a client: first the client that entered slave mode, later the
-            client that sends set points.
+        key: Conversation and robot handle of the client that sends the set points. Before the first set
+            point, `key` has the conversation and robot handle of the client that entered slave mode.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
@@ -87,9 +87,8 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the latest set point or of its reply, whichever is later, ns since 1970; 0 if unknown.
-        `last_activity` is at least `entered_at`, even if the client sent set points before slvChangeMode was
-        answered.
+        """Latest of these times, ns since 1970: last set point, reply to the last set point, and
+        `entered_at`. If the session has none of these times, `last_activity` is 0.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -103,15 +102,15 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the set points of the batch, and empty the batch. Only the first batch of the session uses
-        `slave_setup`.
+        """Process the set points in `batch`, and empty `batch`. `process_batch` uses `slave_setup` only for
+        the first set points of the session.
         """
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a builder that includes the set points of the batch. Leave this builder unchanged."""
+        """Return a builder that has processed the set points in `batch`. Leave this builder unchanged."""
         if not self.batch:
             return self
         processed = copy.copy(self)
@@ -141,8 +140,8 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the facts as a `SlaveSession`; `exit_` describes how the session ended. Set points that
-        still wait in the batch are not included.
+        """Return the facts as a `SlaveSession`; `exit_` describes how the session ended. The `SlaveSession`
+        does not include the set points in `batch`.
         """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
@@ -180,7 +179,7 @@ class SetPointChunk(NamedTuple):
     """Successive set points of one slave-mode session, including refused set points.
 
     Attributes:
-        models: Models of the session, which have already processed these set points.
+        models: Models of the session. The models have already processed the set points in `table`.
         returned: Poses and time stamps in the replies; the poses have the same type as in the requests.
     """
 

@@ -46,12 +46,13 @@ SUSPECT_WITHIN_NS = 2_000_000_000
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
-No source gives this time. The value is an estimate: the robot may brake along its path for 25 cycles of 8 ms.
+No source states the value of `STILL_TAKING_NS`. bcapscope assumes that the robot brakes along its path for
+at most 25 cycles of 8 ms.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A session lists calls to its controller, but no set points, from `BEFORE_NS` before its start to `AFTER_NS`
-after its end.
+"""`SlaveSession.other_calls` covers the time from `BEFORE_NS` before the session to `AFTER_NS` after the
+session, in ns.
 """
 
 MAX_SESSIONS = 64
@@ -89,7 +90,7 @@ class SlaveSessionDetector:
 
         Args:
             window: Length in ns of the time slices for which figures are computed; None for no slices.
-            on_set_points: Function that receives each batch of set points after the models processed it.
+            on_set_points: Function that receives set points after the session's models processed them.
         """
         self._window = window
         self._on_set_points = on_set_points
@@ -112,8 +113,8 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add a run of set points from `PipelineSubscriber.on_set_points`. Return the sessions that are now
-        complete.
+        """Add successive set points of one client that are alike (see `AlikeSetPoints`). Return the sessions
+        that are now complete.
         """
         self._remaining = None
         first = calls[0]
@@ -166,7 +167,7 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process all set points that still wait in batches. Each processed set point is also passed to
+        """Process all set points that the detector has stored but not processed. Pass these set points to
         `on_set_points`.
         """
         for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
@@ -205,7 +206,7 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point neither belongs to a slave-mode session nor begins one."""
+        """Return True if a set point belongs to no slave-mode session, and does not begin a session."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)
@@ -356,7 +357,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # include set points that may still wait in the batch of the session
+        # `session` leaves out set points in `batch`; `processed` returns a builder with an empty `batch`
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -389,8 +390,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a session ended. If the set points do not show the reason, search the other calls
-    to the same controller.
+    """Return why and when a session ended. If the set points do not show why the session ended, search the
+    recent calls that are not set points.
     """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):

@@ -57,8 +57,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points. `cycles` and `slacks` are in ms; NaN if unknown. A set point that is earlier than
-        the latest slice counts in the latest slice.
+        """Add set points. `cycles` and `slacks` are in ms; NaN if unknown. A slice that has ended is not
+        reopened: a set point with an earlier time counts in the current slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:

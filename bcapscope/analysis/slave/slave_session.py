@@ -92,7 +92,7 @@ class ExitReason(StrEnum):
     """How a slave-mode session ended."""
 
     LEFT = "left"
-    """The client that sends the set points called slvChangeMode 0."""
+    """The client left slave mode with slvChangeMode 0."""
     CHANGED = "changed"
     """The client called slvChangeMode, and thereby entered another slave mode, or the same slave mode
     again.

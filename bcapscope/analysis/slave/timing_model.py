@@ -24,8 +24,8 @@ FAST_GRID_MS = 1
 """
 
 FAST_BELOW_MS = 3.0
-"""If the median cycle time of a session is below this limit in ms, the session has a period of 1 ms. The
-limit is about three times 1 ms and about a third of 8 ms.
+"""Limit in ms for slave modes without a fixed period. A session with a shorter median cycle time has a period
+of 1 ms, not 8 ms.
 """
 
 MAX_SLOWEST = 16

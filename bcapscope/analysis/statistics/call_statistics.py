@@ -21,8 +21,8 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. Beyond this number, new call
-kinds of a client are counted together as `OTHER_KINDS`.
+"""Maximum number of pairs of client and call kind that are counted separately. After `MAX_KINDS`
+pairs, bcapscope counts all new call kinds of a client together as `OTHER_KINDS`.
 """
 
 MAX_CODES = 16
@@ -31,16 +31,16 @@ count.
 """
 
 GRACE_NS = 200_000_000_000
-"""This time (in ns) after the end of a time slice, all calls of the slice are complete. If a call gets no
+"""Time in ns from the end of a time slice until all calls of the slice are complete. If a call gets no
 further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all further kinds of call if there are more than `MAX_KINDS`. No function has the id 0."""
+"""Stands for all call kinds that bcapscope does not count separately. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""If 2 * `MAX_KINDS` pairs of client and call kind are already counted, `OTHER_CLIENTS` stands for the client
-of each new pair.
+"""If 2 * `MAX_KINDS` pairs of client and call kind exist, bcapscope counts each new pair under
+`OTHER_CLIENTS`.
 """
 
 _FLUSH_AT = 512
@@ -124,8 +124,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. Nearly all calls are plain successes. `flush` counts many plain successes
-    together, which is faster than one by one.
+    """Counts calls of one kind. `flush` counts many successful calls at once, which is faster than one by
+    one.
     """
 
     def __init__(self) -> None:
@@ -288,10 +288,9 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    Captures are not always read in chronological order. `add_call` treats a call that starts more than
-    `GRACE_NS` before the latest call as the start of an older capture. At the start of an older capture,
-    `add_call` returns all unfinished slices. If the slice of a call was already returned, `add_call` begins a
-    second slice for the same time.
+    Captures are not always read in chronological order. If the start times of the calls jump back by more
+    than `GRACE_NS`, `add_call` returns all unfinished slices. If a call starts in a slice that was already
+    returned, `add_call` begins a second slice for the same period.
     """
 
     def __init__(self, nanoseconds: int) -> None:

@@ -68,9 +68,7 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution from a copy of the histogram, in which the pending values are counted in
-        bins too.
-        """
+        """Return the distribution of all values, binned or pending. Leave this histogram unchanged."""
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())

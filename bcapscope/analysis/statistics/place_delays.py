@@ -20,7 +20,7 @@ _MILLISECOND = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class OneWayFigures:
-    """Figures of the frames in one direction.
+    """Loss and delay of a conversation's requests, or of its replies.
 
     Attributes:
         frames: Number of frames that were captured at both places.

@@ -183,7 +183,8 @@ window = click.option(
     metavar="SECONDS",
     type=NumberRange(0.1),
     callback=parsed_by(lambda seconds: round(seconds * 1e9)),
-    help="Show figures for each window of this many seconds, at least 0.1, instead of the whole time.",
+    help="Divide the total time into windows of this many seconds (minimum 0.1), and show figures for each "
+    "window.",
 )
 
 

@@ -67,8 +67,8 @@ class RuleOptions:
         return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules; return None if the options define none. If a fault starts after a certain time,
-        this time counts from now.
+        """Create the rules; return None if the options define none. The delay in a fault's field `after`
+        begins when `build_rules` is called.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):

@@ -142,7 +142,9 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
         )
     given = click.get_current_context().get_parameter_source("port")
     if given is ParameterSource.COMMANDLINE and behind_host != port:
-        raise click.UsageError(f"{printable(text)} and --port {port} name different ports; leave one out")
+        raise click.UsageError(
+            f"the port in {printable(text)} differs from --port {port}; give only one port"
+        )
     return host, behind_host
 
 

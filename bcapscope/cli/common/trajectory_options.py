@@ -127,6 +127,6 @@ _OPTIONS = (
 )
 
 trajectory_options = options.bundled("motion", TrajectoryOptions, _OPTIONS)
-"""Decorator that adds the argument FILE and the trajectory options. The command gets them as one argument
-`motion`, a `TrajectoryOptions`.
+"""Decorator that adds the argument FILE and the trajectory options. The command function gets all
+these values in one parameter, `motion`, of type `TrajectoryOptions`.
 """

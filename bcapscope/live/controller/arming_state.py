@@ -27,8 +27,8 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """If arming has not expired, let arming expire `DISARM_AFTER` ns after `now`. A user who makes calls
-        that need arming evidently watches the robot.
+        """Extend arming until `DISARM_AFTER` ns after `now`, unless arming has already expired. A user who
+        makes calls that need arming evidently watches the robot.
         """
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER

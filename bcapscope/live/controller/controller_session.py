@@ -250,7 +250,7 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The open controller object. Raises `NotConnectedError` if there is none."""
+        """The open controller object. Raises `NotConnectedError` if no controller is open."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))

@@ -83,7 +83,10 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT. Return the record of the opening call."""
+    """Open and select a robot, read its type, and prepare HALT.
+
+    Return the record of the call that opens the robot.
+    """
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -107,8 +110,8 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
 
 @contextmanager
 def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[list[Message | str]]:
-    """Report the start and the end of a step. In the `with` block, the caller adds the result of the step to
-    the list.
+    """Report the start and the end of a step. In the `with` block, the caller adds the step's result to the
+    list that `_reported_step` yields.
     """
     session.report(ConnectStepUpdate(step, None))
     result: list[Message | str] = []
@@ -128,8 +131,8 @@ def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[li
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the opening call, and a tuple of the robot's name and
-    type. If the call failed, None replaces the tuple.
+    """Open and select a robot. Return the record of the call that opens the robot, and the robot's name and
+    type. If the robot cannot be opened, return None in place of the name and type.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record

@@ -124,8 +124,10 @@ class HaltConnection:
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only whether HALT succeeded or failed, because a new HALT connection reports
-        its own state.
+        """From now on, report only whether HALT succeeded or failed.
+
+        Call this method before a new HALT connection replaces this connection, so that only the new
+        connection reports its state.
         """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
@@ -161,8 +163,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened. If HALT is pending, wait for `_REOPEN_DELAY` seconds;
-        otherwise, wait for the interval of heartbeats.
+        """Delay the next attempt to open the connection. If HALT is pending, the delay is `_REOPEN_DELAY`
+        seconds. If HALT is not pending, the delay is at most the interval of heartbeats.
 
         A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
         interrupt another motion.

@@ -76,9 +76,7 @@ class HistoryRecorder:
             self._complete_call(call, RecordOutcome.UNANSWERED, event.attempts)
 
     def abandon_own_call(self) -> None:
-        """Abandon the call in progress if the current asyncio task made this call. Do not abandon the call of
-        another task.
-        """
+        """Abandon the call in progress, but only if the current asyncio task made this call."""
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call()
 
@@ -88,8 +86,8 @@ class HistoryRecorder:
             self._complete_call(self._call, RecordOutcome.ABANDONED, ())
 
     def complete_raw_call(self) -> None:
-        """Finish the record of the raw bytes that were sent. The last frame that was received counts as the
-        reply to the raw bytes.
+        """Complete the record of raw bytes that the user sent. The last frame from the controller becomes the
+        reply in this record.
         """
         call = self._call
         if call is None:

@@ -62,7 +62,7 @@ class ControllerIdentity:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """State of a controller session. The screen always shows this state.
+    """State of a controller session, always visible on the screen.
 
     Attributes:
         open_objects: Open objects in the order in which they were opened.
@@ -128,8 +128,8 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """A part of the session failed, but calls still work. For example, the action log at `path` cannot be
-    written.
+    """A part of the session failed, such as writing the action log to the file `path`. Calls to the
+    controller still work.
     """
 
     path: Path

@@ -44,7 +44,7 @@ _U32 = struct.Struct("<I")
 
 
 class Problem(NamedTuple):
-    """A place where the bytes of a frame violate b-CAP.
+    """One violation of b-CAP in the bytes of a frame.
 
     Attributes:
         offset: Offset in the frame's bytes.

@@ -22,8 +22,8 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""Parts of a template in which only one argument holds numbers. The parts are the preceding values, the
-function that inserts the numbers, the value of the argument, and the following values.
+"""For a template with one numeric argument: values before the numeric argument, function that inserts its
+numbers, its value in the template, values after the numeric argument.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
@@ -65,14 +65,14 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """Holds the parts that similar frames share. bcapscope learns each template from one valid frame that was
-    decoded in full.
+    """Holds the parts that similar frames share. bcapscope learns each template from one valid frame, the
+    original, which was decoded in full.
 
-    A frame that differs from the learnt frame only in the serial, the reserved field and the numbers is valid
-    too: its length, EOT and arguments conform to b-CAP.
+    A frame matches the template if only its serial, reserved field and numbers in arguments differ from the
+    original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
 
     Attributes:
-        prototype: Arguments of the learnt frame. The numbers in `prototype` are only placeholders.
+        prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
         fixed_parts: Function that takes the bytes of a frame, and returns the parts that all matching frames
@@ -113,8 +113,8 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame that matches this template. `numbers` are the frame's numbers in
-        order.
+        """Return the arguments of a frame that matches this template. `numbers` are the numbers in the
+        frame's arguments, in order.
         """
         if not numbers:
             return self.prototype

@@ -32,8 +32,8 @@ LARGEST_GARBAGE = 64 * 1024
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB. If long frames on other connections use up the shared budget, the splitter
-still returns the frames of real sessions whole.
+of real sessions are below 10 KiB. The splitter can therefore complete every frame of a real session, even if
+other connections use up the shared budget.
 """
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
@@ -81,8 +81,8 @@ class StreamSplitter:
     The splitter returns every byte of the stream in exactly one piece, in order. The largest of `limit`,
     `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` is the maximum number of bytes that the splitter holds.
     Several splitters can share a budget: together they hold no more than the budget, plus `GUARANTEED_BUFFER`
-    for each splitter. If a frame is longer than `GUARANTEED_BUFFER` and the budget is used up, the splitter
-    returns the frame unfinished.
+    for each splitter. If the shared budget is exceeded, a splitter does not complete frames longer than
+    `GUARANTEED_BUFFER`, but returns the part that has arrived.
     """
 
     def __init__(

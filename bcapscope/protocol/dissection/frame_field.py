@@ -188,7 +188,7 @@ class _FieldBuilder:
         problems: tuple[Problem, ...] = (),
         children: Sequence[FrameField] = (),
     ) -> FrameField:
-        """Return a field. The problems of the field are those in its byte range, followed by `problems`."""
+        """Return a field. The parameter `problems` is added to the problems in the field's byte range."""
         found = (*self.problems_within(start, stop), *problems)
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
@@ -291,9 +291,8 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice the problem's offset. If a value is truncated at the end of its
-    argument, subtract 1 from the sort key of the problem. The problem then belongs to the truncated argument,
-    not to the next argument.
+    """Return a sort key for a problem: twice the problem's offset. The problem of a truncated argument has a
+    sort key that is 1 less, because the problem's offset is already the start of the next argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

@@ -27,9 +27,10 @@ from bcapscope.protocol.tables.table_text import table_message
 
 
 class ValueLabel(NamedTuple):
-    """Name and meaning of a value in an argument or a result, such as `J1` or `hand I/O`.
+    """Name, unit and meaning of a value in an argument or a result.
 
     Attributes:
+        name: Name of the value, such as `J1` or `hand I/O`; may be empty.
         unit: Unit of the value: `mm`, `deg`, or empty.
         text: One clause that explains the value; may be empty.
         elements: Labels of the value's first elements, in order; () if unknown.
@@ -73,7 +74,7 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""Labels of the elements that each field of `SetPoint` and `Feedback` describes. The fields of
+"""Labels for each field of `SetPoint` and `Feedback`, one label per element of slvMove's array. The fields of
 `SetPoint` and `Feedback` have the same order as the elements of slvMove's array.
 """
 
@@ -124,7 +125,7 @@ _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
 def argument_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of the argument `name`, such as `lComp`, in a request with this command."""
+    """Return the label of a request's argument. `name` is the argument's name, such as `lComp`."""
     value = variant.value
     if type(value) is int:
         named = _ARGUMENT_MEANINGS.get((function_id or 0, name)) or {}
@@ -141,7 +142,10 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of the result `name`, such as `hRobot`, in a reply to this command."""
+    """Return the label of the value in a reply. `name` is the name of the value, such as `hRobot`.
+
+    `function_id` and `command` belong to the request that the reply answers.
+    """
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)

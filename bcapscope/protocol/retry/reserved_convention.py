@@ -13,9 +13,7 @@ class ReservedConvention(StrEnum):
     """Value that a client writes into the reserved field of its requests."""
 
     UNKNOWN = "unknown"
-    """The client's convention is not known yet. `SEED` and `CHAIN` give the first two attempts the same
-    values, so only a third attempt shows the convention.
-    """
+    """The client's convention is not known yet. `SEED` and `CHAIN` differ only from the third attempt on."""
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
@@ -41,8 +39,8 @@ class ReplyReserved(StrEnum):
     """Value that a controller writes into the reserved field of its replies."""
 
     UNKNOWN = "unknown"
-    """The controller's convention is not known yet: all requests that it answered had 0 in the reserved
-    field.
+    """The controller's convention is not known yet. `ZERO` and `ECHOED` differ only if the reserved field of
+    the request is not 0.
     """
     ZERO = "zero"
     """Always 0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""

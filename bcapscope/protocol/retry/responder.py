@@ -106,7 +106,7 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return True if no known call has a serial that is between the serial of `call` and `serial`.
+    """Return False if a newer call than `call` has a serial from `call.newest` to `serial`; otherwise True.
 
     `calls` lists the newest call first. The function ignores calls older than `call`. An older call with a
     higher serial comes from an earlier program on the same port.
@@ -136,8 +136,9 @@ class Responder:
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) holds the serial of the previous
       attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
       in the reserved field. The retry may belong to a known call, or to a new call with the same contents.
-    * A new program on the port of an earlier program may start with the same serial. A new call looks like a
-      delayed attempt of an earlier call with the same contents and an equal or slightly higher serial.
+    * A new program on the port of an earlier program may start with the same serial. A new call may look
+      like a delayed attempt of an earlier call with the same contents. The serial of the earlier call is then
+      equal or slightly higher.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
     A request is usually a new call if the responder knows neither its serial nor its reserved field. Under
@@ -262,7 +263,7 @@ class Responder:
 
     def _remember_keys(self, call: _Call) -> None:
         """Add the serials and the content of a call to `_known_keys`. If `_known_keys` is full, first remove
-        the serials and contents of forgotten calls.
+        all keys that belong to no call in `_known_calls`.
         """
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
@@ -318,8 +319,8 @@ class Responder:
     def _forget_earlier_program(self, serial: int) -> None:
         """Forget the calls of an earlier program, which used `serial` for a different call.
 
-        The responder keeps calls that are newer than the forgotten calls and have serials below `serial`. The
-        current program made the kept calls, and may still retry them.
+        Keep later calls with serials below `serial`: the client's current program made these calls, and may
+        still retry them.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()

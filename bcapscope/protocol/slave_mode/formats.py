@@ -36,9 +36,9 @@ class SendFormat:
     Attributes:
         hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48. The controller sets
             only IO64..IO71.
-        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0. The controller sets
-            only IO24..IO31; some controllers set IO16..IO31.
-        user_io: Whether the parameter holds I/O bits to write, and their range.
+        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0. Depending on the
+            controller, the word sets only IO24..IO31 or only IO16..IO31.
+        user_io: Whether the parameter holds I/O bits to write, and the range of these bits.
         other: Bits of the format that have no known meaning.
     """
 

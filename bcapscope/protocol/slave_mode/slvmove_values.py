@@ -25,7 +25,7 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# key: number of values in a result with two poses (receive formats 4 and 5); value: types of the two poses
+# types of the poses in a result with two poses (receive formats 4 and 5), by the result's count of numbers
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
@@ -322,8 +322,8 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # If the receive format is unknown, a row with the right length counts as a pose of the slave mode's pose
-    # type. No public document describes the default format of slvMove's result.
+    # If the receive format is unknown, an array of the right length counts as one pose of `pose_type`, the
+    # type of the slave mode. No public document describes the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

@@ -55,7 +55,7 @@ not name levels 2 and 3, so bcapscope derives their names from the texts of the 
 _ENDS_SLAVE_MODE = 3
 
 _GUESSED_RC7_FORM = 0x80000000
-"""Form 8000xxxx, which RC7 may use for its four-digit codes. No document shows this form."""
+"""RC7 may send its four-digit codes xxxx as 8000xxxx. No document shows the form 8000xxxx."""
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
 """Values of the third hex digit of a result code: motion, servo, system, user programs, pendant."""

@@ -63,8 +63,8 @@ def write_effect(name: str, value: Variant) -> CallEffect:
     """Return the strongest effect that writing a variable can have.
 
     `name` is the variable's name in upper or lower case, or "" if the name is unknown. A program on the
-    controller may wait for any variable, so a write has the effect `MOVES`. A write to @SERVO_ON or @STOP has
-    a weaker effect: @SERVO_ON switches the motor, and @STOP stops a task.
+    controller may wait for any variable, so a write has the effect `MOVES`. Only writes
+    to @SERVO_ON and @STOP have weaker effects: @SERVO_ON switches the motor, and @STOP stops a task.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():

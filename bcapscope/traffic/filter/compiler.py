@@ -51,10 +51,11 @@ hresult < 0. A VT_R4 seldom equals a decimal exactly; compare it with a range.
 
 A comparison is false if the field has no value, or a value of another type.
 The comparisons != and "not in" are false, too, if the field has no value. For
-example, a request has no hresult, so hresult != S_OK selects only replies. To
-select all requests, too, write not (hresult == S_OK). Comparisons with null
-are different. The comparison field == null is true if the field has no value.
-The comparison field != null is true if the field has a value.
+example, a request has no hresult, so hresult != S_OK selects only replies.
+The filter not (hresult == S_OK) also selects requests, because a request has
+no hresult. Comparisons with null are different. The comparison field == null
+is true if the field has no value. The comparison field != null is true if the
+field has a value.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     Raises:
         FilterError: The expression is invalid, or uses a field that records of this kind do not have.
     """
-    # `parse` needs getters to build a test. Nothing calls this test, so `bool` can stand in for each getter.
+    # The parser here only checks the expression and never calls a getter, so `bool` replaces every getter.
     parser = _Parser(expression, kind, dict.fromkeys(FIELD_BY_NAME, bool))
     parser.parse()
     names = frozenset(parser.getter_names)
@@ -291,8 +292,9 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Consume a comparison sign and a second field of the same type. Return a function that compares both
-        fields of a record. If other tokens come next, consume nothing and return None.
+        """Consume a comparison sign and a second field of the same type. Return a function that compares the
+        field on the left of the sign with the field on the right. If other tokens come next, consume nothing
+        and return None.
         """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):

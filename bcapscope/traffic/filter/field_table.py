@@ -27,7 +27,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. `bcapscope fields` prints the enum values, such as `list of texts`."""
+    """Type of a field's values, named as in the output of `bcapscope fields`."""
 
     NUMBER = "number"
     """An int or a float."""

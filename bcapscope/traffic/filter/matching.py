@@ -1,4 +1,6 @@
-"""Create the tests of a filter. Each test accepts one value of any type, and raises no exception."""
+"""Create the functions with which a filter tests values. Each function accepts one value of any type, and
+raises no exception.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,9 @@ from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.traffic.observation import Endpoint
 
 Match: TypeAlias = Callable[[object], bool | None]
-"""Returns whether a value matches. A test for equality returns None if the types of value and literal differ.
-None makes both == and != false. All other tests return False if the types differ.
+"""Returns whether a value matches. If value and literal have different types, a test for equality returns
+None, and every other test returns False. If a test for equality returns None, the comparisons == and != are
+both false.
 """
 
 Number: TypeAlias = "int | float | Fraction"
@@ -240,7 +243,7 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Match a text, or a list with a text, in which the regular expression `pattern` finds a match.
+    """Return a function that searches a text, or each text of a list, for the regular expression `pattern`.
 
     With any regular expression, RE2 needs a time proportional to the length of the text.
 

@@ -26,7 +26,9 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Smallest plausible capture time: 1973-03-03, as ns since 1970. A smaller number is probably a mistake."""
+"""Smallest plausible capture time: 1973-03-03, as ns since 1970. In a filter, a time between 1970 and this
+time is probably a mistake.
+"""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

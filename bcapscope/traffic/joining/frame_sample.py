@@ -21,11 +21,11 @@ have the same bytes, such as polls with a reused serial.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures whose times do not overlap. The first two values are the minimum number
-and the minimum fraction of frames that the two samples have in common. The third value is the maximum spread
-of the frames' offsets in ns: the median deviation from the median offset. If captures with common frames do
-not overlap, either a clock was wrong, or the client executed the same program twice. The second execution of
-a program has another client port, other values or other pauses.
+"""Conditions for joining two captures whose times do not overlap. `SURE_FRAMES` and `SURE_SHARE` are the
+minimum number and the minimum fraction of frames that the two samples have in common. `SURE_SPREAD_NS` is the
+maximum spread of the frames' offsets, ns. The spread is the median of the deviations from the median offset.
+Captures without overlap hold equal frames if a clock was wrong, or if the client executed a program twice.
+The second execution of a program has another client port, other values or other pauses.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
@@ -38,8 +38,8 @@ class SharedConversation(NamedTuple):
     """A conversation that two captures hold.
 
     Attributes:
-        ends: Ends of the conversation in the first and in the second capture. The two captures show different
-            ends if a proxy or a router is between the two capture points.
+        ends: Client, controller and transport in the first capture, then in the second capture. The addresses
+            differ between the captures if a proxy or a router is between the two capture points.
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
         request_offset: Offset measured on requests only; None if the captures have no request in common.
         reply_offset: Offset measured on replies only; None if the captures have no reply in common.

@@ -14,9 +14,9 @@ class CapturePlace(IntEnum):
     """A place where the frames of a conversation were captured."""
 
     CLIENT_SIDE = 0
-    """At the client, or between client and proxy."""
+    """A place at the client, or between client and proxy."""
     CONTROLLER_SIDE = 1
-    """At the controller, or between proxy and controller."""
+    """A place at the controller, or between proxy and controller."""
 
 
 class JoinedObservation(Observation):
@@ -99,8 +99,8 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a copy of `joined` with the number `number`. `joined` must be a frame that only the controller's
-    side captured.
+    """Return a copy of `joined` with another frame number. `joined` must have no sighting at the client's
+    side.
     """
     assert joined.at_client is None
     assert joined.at_controller is not None
@@ -116,7 +116,7 @@ def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
 
 
 def sighting_numbers(observation: object) -> tuple[int, ...]:
-    """Return the numbers that an observation has in the captures of all places."""
+    """Return the frame numbers of an observation: one number for each place that captured the observation."""
     if isinstance(observation, JoinedObservation):
         return tuple(sighting.number for sighting in observation.sightings())
     return (observation.number,) if isinstance(observation, Observation) else ()

@@ -108,8 +108,8 @@ class Joiner(LegJoiner):
     observations of joined conversations as `JoinedObservation`, and all other observations unchanged.
 
     Attributes:
-        passing: Flows whose conversation is not the leg of a proxy. Their observations never wait. Callers
-            need not add the observations of the flows in `passing`.
+        passing: Flows of conversations without a second leg. Callers need not add observations of a flow in
+            `passing`, because `add` would return each observation immediately.
     """
 
     def __init__(
@@ -215,8 +215,8 @@ class Joiner(LegJoiner):
                 new.add_suspect(sender)
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request. Return each other conversation that already contained the
-        same request.
+        """Remember the conversation of a request. Return the other conversations in which a request with the
+        same bytes was captured.
         """
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
@@ -227,7 +227,9 @@ class Joiner(LegJoiner):
         return others
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its second leg, or release it if there is no second leg."""
+        """Join a conversation with its second leg. If there is no second leg, deliver the held observations
+        unchanged.
+        """
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)
@@ -290,8 +292,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the waiting observations of each suspected leg that the joiner has already released as
-        direct traffic.
+        """Return the observations in the delivery queue from conversations in `suspects` that already count
+        as direct traffic.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.

@@ -88,8 +88,8 @@ class LegJoiner:
 
     @property
     def is_idle(self) -> bool:
-        """True if the joiner currently joins no conversations and holds no observations. An idle joiner would
-        return each added observation immediately.
+        """True if the joiner currently joins no conversations and holds no observations. While `is_idle` is
+        True, `add` would return each observation immediately, so callers need not call `add`.
         """
         return not (self._mergers or self._queue)
 

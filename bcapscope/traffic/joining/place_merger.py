@@ -213,7 +213,7 @@ class PlaceMerger:
         """Return whether the capture at the other place was running when the frame should have been there."""
         is_relayed = self._twins.is_relayed
         if not is_relayed and self.conversation.transport is Transport.TCP:
-            return False  # TCP sends lost bytes again, so the network did not lose the frame
+            return False  # TCP delivers all bytes, so only the capture lacks the frame
         other, time = self._twins.coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
@@ -257,8 +257,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add the controller's late sighting to a request that counted as lost. Return whether `observation`
-        matches a lost request.
+        """If `observation` is a request that counted as lost, add this sighting at the controller's side, and
+        return True.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:

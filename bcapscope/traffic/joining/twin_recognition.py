@@ -10,13 +10,13 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""The joiner joins two conversations immediately if they have at least this number of nested calls (see
-`NestedCalls`). Two clients that start the same program at the same time send the same bytes. Without a proxy,
-eight successive calls are very unlikely to be nested in another client's calls.
+"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations immediately. Two clients
+that start the same program at the same time send the same bytes. Without a proxy, eight successive calls are
+very unlikely to be nested in another client's calls.
 """
 
 FEWEST_CALLS = 2
-"""The joiner joins two conversations with this number of nested calls after a wait for further calls."""
+"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations after a waiting time."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -28,14 +28,14 @@ class NestedCalls(NamedTuple):
     """How well the calls of an inner conversation are nested in the calls of an outer conversation.
 
     With a proxy, the outer conversation is the client's leg, and the inner conversation is the controller's
-    leg. Equal bytes identify the same frame in both conversations. A call is nested if its request appears
-    first in the outer conversation, and its reply appears first in the inner conversation.
+    leg. Equal bytes identify the same frame in both conversations. In a nested call, the outer request comes
+    before the inner request, and the inner reply comes before the outer reply.
 
     Attributes:
         calls: Number of nested calls.
-        lag: Sum of the delays of all requests on the way from the outer to the inner conversation, ns.
-        is_contradicted: Whether a request appears first in the inner conversation, or a reply appears first
-            in the outer conversation. Such calls cannot be nested.
+        lag: Sum of the times from each outer request to the equal inner request, ns.
+        is_contradicted: Whether any inner request comes before the equal outer request, or any outer reply
+            comes before the equal inner reply.
     """
 
     calls: int
@@ -61,8 +61,8 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls suffice to recognise `outer` as the client's leg and `inner` as the
-    controller's leg. Return None if only one of the two interface names begins with the prefix of its leg.
+    """Return how many nested calls (see `NestedCalls`) prove that `outer` and `inner` are the two legs of a
+    proxy. Return None if only one of the two interface names begins with the prefix of its leg.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)

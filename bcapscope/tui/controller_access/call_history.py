@@ -38,8 +38,8 @@ _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""Classes of objects whose names a line of the history omits, so that the result of the call fits on the
-screen. Usually, a client uses only one object of each class.
+"""A line of the history omits the names of controllers and robots, so that the call's result fits on the
+screen. Usually, a client uses only one controller and one robot.
 """
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]

@@ -1,8 +1,9 @@
 """Parses the text in the Option field of the connection, such as ``Timeout=300``. b-CAP Tester also has an
 Option field.
 
-The text consists of pairs of key and value. The key of a pair decides whether bcapscope, Service_Start or
-Controller_Connect uses the pair.
+The text consists of settings, separated by commas. Each setting has a key and a value. bcapscope sends some
+settings to the controller, with Service_Start or Controller_Connect. bcapscope applies all other settings
+itself.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """Return the plan for the player process.
+        """Return a `PlayPlan`, from which the player process plays the trajectory.
 
         Args:
             armed: Whether the user confirmed that the robot may move.

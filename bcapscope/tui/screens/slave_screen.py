@@ -249,7 +249,9 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm, because the player is another client, which needs both."""
+        """Leave slave mode and release the arm. The player process is another client, which takes the arm and
+        enters slave mode itself.
+        """
         session = self._session
         try:
             if status.slave_mode:

@@ -115,7 +115,7 @@ class TesterScreen(BaseScreen):
         self.player_slot = PlayerSlot()
         self.halt_update = HaltUpdate(HaltState.CLOSED)
         self._simulator_stack = ExitStack()
-        self._simulator_lock = threading.Lock()  # only one thread at a time may use the stack
+        self._simulator_lock = threading.Lock()  # only one thread at a time may use `_simulator_stack`
         self._simulator: BuiltInSimulator | None = None
         self._is_connected = False
         self._is_connecting = False

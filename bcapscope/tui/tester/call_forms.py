@@ -54,8 +54,8 @@ class CommandForm(Vertical):
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Show what the typed command does, and fill in or clear the parameter.
 
-        The form fills in the parameter that the user last sent with the typed command. If the user never sent
-        the typed command, the form clears a parameter that the user sent with another command.
+        The form fills in the parameter that the user last sent with the typed command. For a command that
+        the user has not sent yet, the form clears the parameter of the command that the user sent last.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:
@@ -128,7 +128,7 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A form with one row per argument except the handle. It checks the text while the user types."""
+    """A form with one row per argument except the handle. The form checks arguments while the user types."""
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)

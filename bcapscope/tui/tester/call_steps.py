@@ -59,7 +59,7 @@ class CallWanted(Message):
 
     Attributes:
         result_display: Widget or notice that shows the outcome of the step.
-        done: Function that the screen calls after the calls were made, even if they failed.
+        done: Function that the screen calls after `step` returns a record, even the record of a failed call.
     """
 
     result_display: ResultView | CallNotice
@@ -99,8 +99,8 @@ def repeating_step(record: HistoryRecord) -> CallStep:
 
 
 def opening_step(parent: ObjectClass, kind: ObjectClass, name: str, option: str) -> CallStep:
-    """Return a step that opens an object of class `kind` through the selected object of class `parent`. The
-    step also selects a robot that it opens.
+    """Return a step that opens an object of class `kind` through the selected object of class `parent`. If
+    `kind` is ROBOT, the step also selects the new robot.
     """
 
     async def step(session: ControllerSession) -> HistoryRecord:
@@ -128,8 +128,8 @@ def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHan
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the event loop of the `ControllerSession`. If the step needs arming, ask the user to arm,
-    then run the step again.
+    """Run a step in the event loop of the `ControllerSession`. If the step raises `NotArmedError`, ask the
+    user to arm, then run the step a second time.
 
     Raises:
         NotArmedError: The user refused to arm.

@@ -76,7 +76,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 class RecoveryDialog(ModalScreen[None]):
     """Shows the steps of a recovery after an error. The dialog immediately starts the first step, which reads
-    the errors. The user starts every other recovery step with a button.
+    the errors. The dialog has a button for each later step.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]

@@ -276,7 +276,7 @@ class FormTabs(Vertical):
         self.query_one("#panels", ContentSwitcher).current = tab
 
     async def fill_function(self, function: Function, values: tuple[Variant, ...]) -> FunctionForm:
-        """Fill the form of a function with its arguments except the handle, and return the form."""
+        """Show and return the form of a function, filled with `values`: all arguments except the handle."""
         self.show_tab("function")
         form = await self.query_one(FunctionPanel).show_function(function)
         form.fill_values(values)

@@ -1,9 +1,9 @@
 """The reader process, which writes observations to a journal and calls to a call store, and analyses the
 traffic.
 
-Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
-reports go to standard output. The screen sends a byte after the job if the capture will not grow further.
-When the screen dies or closes the reader's standard input, reading ends at once.
+bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives
+on standard input; reports go to standard output. The screen sends the byte `STOP_READING` when no more
+traffic will arrive. When the screen dies or closes the reader's standard input, reading ends at once.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ class TrafficReader:
         """Prepare a job.
 
         Args:
-            ended: Event that is set when the source has ended. The reader then reads the rest of the data and
-                ends.
+            ended: Event that is set when no more traffic will arrive. The reader then reads the remaining
+                data and ends.
             cancelled: Event that is set when reading must end, even if data remains.
         """
         self._job = job
@@ -132,7 +132,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """No new packets have arrived. Complete the calls for which it is too late for a reply."""
+        """While no new packets arrive, complete the open calls that are too old to receive a reply."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:

@@ -160,7 +160,7 @@ class TrafficFeed:
         with self._lock:
             listener = self._listener
             if listener is None:
-                # `pop` keeps the updates in `_undelivered` in the order of their arrival
+                # without `pop`, the update would take the position of the older update that it replaces
                 self._undelivered.pop(type(message), None)
                 self._undelivered[type(message)] = message
         if listener is not None:

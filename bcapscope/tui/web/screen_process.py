@@ -19,8 +19,8 @@ that it opened.
 """
 
 RELOAD_WITHIN = 2.0
-"""Maximum time in seconds that a new viewer waits while the maximum number of viewers is connected. After a
-reload of the page, a viewer counts twice for a moment.
+"""Maximum time in seconds that a new viewer waits for another viewer to disconnect. When a viewer reloads the
+page, the old and the new connection both count as viewers for a moment.
 """
 
 _KILLED_WITHIN = 2.0
@@ -88,7 +88,7 @@ class ScreenProcess(AppService):
             subprocess.list2cmdline(argv),
             write_bytes=write_bytes,
             write_str=write_str,
-            close=close,  # type: ignore[arg-type]  # textual-serve ignores its result
+            close=close,  # type: ignore[arg-type]  # textual-serve ignores the result of `close`
             download_manager=DownloadManager(),
         )
         self._argv = tuple(argv)

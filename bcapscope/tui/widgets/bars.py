@@ -25,7 +25,7 @@ class ClickBar(Widget):
     """Textual's own link style is off, because this style would draw clickable text in other colours."""
 
     def style_for(self, name: str, action: str) -> Style:
-        """Return the style of the component class `name` for a text. A click on the text runs `action`."""
+        """Return the style of the component class `name`. A click on text in this style runs `action`."""
         return self.get_component_rich_style(name) + Style(meta={"@click": action})
 
 

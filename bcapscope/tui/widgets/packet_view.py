@@ -217,8 +217,8 @@ def width_for(per_line: int) -> int:
 
 
 class HexView(Lines):
-    """Shows bytes with their offsets, and highlights the bytes of one field. The keys of `Lines` move the
-    cursor by bytes and rows of bytes.
+    """Shows bytes with their offsets, and highlights the bytes of one field. The left and right keys
+    move the cursor by one byte; the up and down keys move the cursor by one row.
     """
 
     highlights_cursor_line = False  # the cursor is a byte
@@ -360,8 +360,8 @@ def _byte_at(column: int, per_line: int) -> int | None:
 
 
 _TREE_AT_LEAST = 48
-"""Minimum width of the tree, in columns, if the view of the bytes shows 16 bytes per line. If the tree would
-be narrower, the view shows eight bytes per line.
+"""Minimum width of the tree, in columns. The byte view shows 16 bytes per line if at least `_TREE_AT_LEAST`
+columns remain for the tree. In a narrower window, the byte view shows eight bytes per line.
 """
 
 

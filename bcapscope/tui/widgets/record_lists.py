@@ -39,8 +39,8 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines, Generic[Source]):
-    """Shows the records of the source that `open_source` sets. With a filter, shows the matching records that
-    the search has found so far.
+    """Shows the records of `source`. With a filter, the list shows only the matching records that the search
+    has found so far.
 
     Attributes:
         clock: Format of the times in the lines.
@@ -123,8 +123,7 @@ class FrameList(RecordList[ObservationStore]):
     """Shows the frames of an `ObservationStore`.
 
     Attributes:
-        marks: Maps the number of a frame that the user marked to the user's note; "" for a mark without a
-            note.
+        marks: The user's notes, by the numbers of the marked frames; "" if a marked frame has no note.
         related: Numbers of the frames of the call under the cursor.
         evidence: Numbers of the frames that prove the selected finding, in the order of the finding.
     """
@@ -216,7 +215,7 @@ class CallList(RecordList[CallStore]):
         return self.row_count + sum(extra for _, extra in self._unfolded)
 
     def show_rows(self) -> None:
-        """Fold all calls and redraw the list, after `matches` has changed."""
+        """Hide the frames of all calls and redraw the list. Call this method after a change of `matches`."""
         self._unfolded.clear()
         self.reset_lines()
 

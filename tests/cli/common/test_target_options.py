@@ -31,7 +31,9 @@ def test_a_port_behind_the_host_counts() -> None:
         pytest.param(["robot:x\x1b[31m"], "x\\x1b[31m is not a port", id="a word for a port"),
         pytest.param(["robot:65536"], "65536 is not a port", id="a port beyond the last"),
         pytest.param(
-            ["robot:5007", "-p", "5008"], "robot:5007 and --port 5008 name different ports", id="two"
+            ["robot:5007", "-p", "5008"],
+            "the port in robot:5007 differs from --port 5008; give only one port",
+            id="two",
         ),
     ],
 )
