@@ -331,6 +331,20 @@ def test_a_partition_loses_datagrams_and_holds_a_stream_until_it_ends() -> None:
     assert found == [(10 * MS, request(1)), (10 * MS, request(2))]
 
 
+@pytest.mark.parametrize(
+    ("transport", "fault", "note"),
+    [
+        (Transport.UDP, "partition for 1s", "partition: dropped"),
+        (Transport.TCP, "partition", "partition: dropped"),
+        (Transport.TCP, "partition for 1s", "partition: held"),
+    ],
+)
+def test_a_partition_says_what_became_of_a_message(transport: Transport, fault: str, note: str) -> None:
+    result = shaper(fault).process_message(talk(transport).up, request(1), 0)
+    (said,) = notes_of(result)
+    assert said.startswith(note)
+
+
 def test_a_half_open_conversation_is_dead_both_ways_and_others_live() -> None:
     flows, other = talk(Transport.TCP), talk(Transport.TCP, Endpoint("10.0.0.3", 5))
     machine = shaper("half-open times 1 if command == slvMove")
