@@ -92,8 +92,8 @@ def stop_after(
 
     The braking time is between 0.1 s and 2 s. The function lengthens the braking time until the set points
     keep within `limits`. If the trajectory near `row` already exceeds a limit, the returned set points may
-    exceed a limit by the same factor. If an acceleration limit is unknown, the braking time is at least 0.5
-    s. If the remaining path is too short to come to rest, return the remaining points of the trajectory.
+    exceed a limit by the same factor. The braking time is at least 0.5 s if an acceleration limit is unknown.
+    If the remaining path is too short to come to rest, return the remaining points of the trajectory.
     `period` is in seconds. With `loop`, the first point follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row

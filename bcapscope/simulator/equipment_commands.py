@@ -8,7 +8,7 @@ DENSORobot/denso_robot_ros issue 46 is the source for the error of a hand that h
 command. Source for the fact that the hand needs the motor: DENSORobot/denso_cobotta_ros
 denso_cobotta_gripper.
 
-A call that moves a hand lasts as long as the motion, because a moving hand refuses commands. The clients in
+Most calls that move a hand last as long as the motion, because a moving hand refuses commands. The clients in
 orin_bcap_python_samples send the next command immediately after the reply. No force acts on the simulated
 robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not
 change motions; the simulator only checks their order.

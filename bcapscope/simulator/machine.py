@@ -268,10 +268,9 @@ class Machine:
         """End motions and slave mode now; the calls that wait for a motion or for slave mode return
         `code`.
 
-        If slave mode was on and `is_reported` is false, the next slvMove also returns `code` (issues 20 and
-        49 of DENSORobot/denso_robot_ros). If `is_reported` is true, the next slvMove does not return `code`,
-        because an earlier reply reports `code`. Later calls of slvMove return the error that slave mode is
-        off (issues 6 and 42).
+        `is_reported` is true if slvMove need not report `code`. If slave mode was on and `is_reported` is
+        false, the next slvMove also returns `code` (issues 20 and 49 of DENSORobot/denso_robot_ros). Later
+        calls of slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
