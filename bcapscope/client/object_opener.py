@@ -99,7 +99,7 @@ class ObjectOpener:
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest open object of the class `owner`. The variable stays open."""
+        """Read a variable of the newest open object whose class is `owner`. The variable stays open."""
         parent = self.session.handles.find(owner, await self.handle_for(owner))
         assert parent is not None  # `handle_for` has recorded the object in `handles`
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
