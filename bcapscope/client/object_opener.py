@@ -53,7 +53,7 @@ class ObjectOpener:
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
 
     async def handle_for(self, object_class: ObjectClass) -> int:
-        """Return the handle of the latest open object of a class; if none is open, open one.
+        """Return the handle of the newest open object of a class; if none is open, open one.
 
         Raises ValueError if an object of the class can only be opened by name, and no name is known.
         """
@@ -68,7 +68,7 @@ class ObjectOpener:
         return await self._open_named(object_class)
 
     async def open_remote(self, kind: type[R]) -> R:
-        """Return the latest open object of a class; if no object of the class is open, open one."""
+        """Return the newest open object of a class; if no object of the class is open, open one."""
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:

@@ -184,7 +184,7 @@ def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
 
 
 def _first_elements(variant: Variant) -> tuple[Variant, ...]:
-    """Return the first four elements of a VARIANT array; () for any other value."""
+    """Return the first four elements of a VARIANT array; () if the value is not a VARIANT array."""
     value = variant.value
     if variant.vt != ARRAY | VT.VARIANT or not isinstance(value, tuple):
         return ()
