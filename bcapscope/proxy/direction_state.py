@@ -84,7 +84,7 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Split the waiting requests of a client that leaves: send the stops, and drop all other requests.
+    """Split the waiting requests of a leaving client into stops to send and other requests to drop.
 
     Return the bytes to send, and the frames and other bytes to drop.
 
