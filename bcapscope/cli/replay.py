@@ -151,10 +151,9 @@ def command(
     simulator. The action log records the calls that energise or move a robot. `replay` enters slave mode only
     if the robot is at the first set point; --anywhere skips this check.
 
-    As server, `replay` sends recorded replies to clients. For each request, `replay` takes the next recorded
-    call that has the same function, command and arguments as the request. Ctrl-C ends the server. In a
-    shell script, end a background `replay` with SIGTERM, as in kill $!. The background jobs of a shell script
-    ignore Ctrl-C (SIGINT).
+    As server, `replay` sends recorded replies to clients. Each reply comes from the next recorded call that
+    has the request's function, command and arguments. Ctrl-C ends the server. In a shell script, end a
+    background `replay` with SIGTERM (kill $!), because background jobs of a shell script ignore Ctrl-C.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
