@@ -34,7 +34,9 @@ class CallSelection:
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Test whether a completed call is selected. The rules must not check the call before this test."""
+        """Test whether a completed call is selected. `on_call` must get each call before the rules check
+        the call.
+        """
         self._unsettled_frame = None
         frames = [seen.number for seen in call_observations(call)]
         if self._is_selected(call):
@@ -46,8 +48,8 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report the problems that were stored for a stray reply. The rules must check the reply only after
-        `on_stray_reply`.
+        """Report the problems that were stored for a stray reply. `on_stray_reply` must get each stray
+        reply before the rules check the reply.
         """
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)

@@ -180,7 +180,6 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether a non-random event, such as a refusal, was notably more frequent in one capture."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 

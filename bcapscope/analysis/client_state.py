@@ -83,8 +83,8 @@ class ClientState:
         session_end: The Service_Stop or Controller_Disconnect call that ended, or may have ended, the
             session; None while the session is open.
         latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not.
-            The keys are commands in lower case. The key `motor` can also refer to a write to @SERVO_ON. The
-            key `robslave` refers to a Task_Start of RobSlave.
+            The keys are commands in lower case. A write to @SERVO_ON counts as the command `motor`. A
+            Task_Start of RobSlave counts as the command `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
             object, but got no successful reply. When a later call opens an object, the class of this object
             is removed from `failed_openings`.

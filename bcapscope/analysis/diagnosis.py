@@ -32,7 +32,9 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum size of the cache that gives the checkers for each kind of call. A full cache is emptied."""
+"""Maximum size of the dictionary `Diagnosis._handlers_by_kind`. If the dictionary is full, `Diagnosis`
+empties the dictionary.
+"""
 
 MAX_FLOWS = 65536
 """Maximum number of flows in the set of known flows. A full set is emptied."""
@@ -123,7 +125,7 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Pass alike set points to the checkers whose `needs_every_set_point` is True."""
+        """Process set points. A checker gets the set points only if its `needs_every_set_point` is True."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:

@@ -15,7 +15,7 @@ MAX_FINDINGS = 16
 """
 
 MAX_CALLS = 256
-"""Maximum number of calls for which the collector finds problems by call number. Beyond this number, the
+"""Maximum number of calls whose problems the collector can look up by call number. To add another call, the
 collector drops the oldest call.
 """
 
@@ -88,8 +88,7 @@ class FindingCollector:
         - an injected fault in `occurrence.call`
         - the latest problem whose `explains` contains `occurrence.call`
         - the latest problem of a call in `occurrence.explaining_calls`
-        - the latest problem of a rule in `possible_causes`: either a problem at most `cause_within_ns`
-          earlier, or any problem of `occurrence.call`
+        - the latest problem that `_possible_causes` yields
 
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
@@ -153,6 +152,9 @@ class FindingCollector:
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
+        """Yield each problem that a rule in `possible_causes` reported recently or for `occurrence.call`. A
+        recent problem ended at most `cause_within_ns` before `occurrence`, on the same controller.
+        """
         earliest = occurrence.began - occurrence.rule.cause_within_ns
         host = occurrence.conversation.server.host
         for rule_id in occurrence.rule.possible_causes:
@@ -262,8 +264,8 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return `finding` with the clauses of its first few consequences. If these clauses do not cover all
-    consequences, also set `followed_by`.
+    """Return a copy of `finding` that names the first few consequences. If the copy of `finding` does not
+    name all consequences, set `followed_by` in the copy.
     """
     named: list[Consequence] = []
     time = root.shown.completed

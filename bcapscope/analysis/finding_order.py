@@ -1,6 +1,4 @@
-"""Group the occurrences of a problem that are reported together, order the findings, and link each to its
-cause.
-"""
+"""Group occurrences into findings, sort the findings, and link each finding to its cause."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ MAX_KEPT = 32
 
 
 class FindingGroup:
-    """The occurrences of a problem that are reported together as one finding.
+    """Occurrences of one problem that bcapscope reports as one finding.
 
     Attributes:
         selected: False if the finding is reported only as the cause of a finding about selected calls.
@@ -43,8 +41,8 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Store `update` in place of the occurrence with the same call number. Return the removed occurrence;
-        None if no occurrence in the group has the call number of `update`.
+        """Store `update` in place of the occurrence with the same call number. Return the replaced
+        occurrence. If no occurrence in the group has the same call number as `update`, return None.
         """
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
@@ -143,8 +141,8 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to its parent group, which contains the cause of the occurrence that the group shows. A
-    link that would close a cycle is left out.
+    """Map each group to its parent. The parent of a group is the group that contains the cause of
+    `group.shown`. Leave out a parent that would close a cycle of causes.
     """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}

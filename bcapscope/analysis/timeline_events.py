@@ -11,8 +11,8 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""A pause of this length in ns ends a period of activity. If a client has more than `MAX_ACTIVITY_PERIODS`
-periods of activity, bcapscope also joins periods across longer pauses.
+"""Shortest pause in ns that ends a period of activity. bcapscope joins neighbouring periods of a client's
+activity until at most `MAX_ACTIVITY_PERIODS` remain.
 """
 
 MAX_ACTIVITY_PERIODS = 512
@@ -58,8 +58,8 @@ class TimelineEventList:
     """
 
     def __init__(self, most: int, pause: int = 0) -> None:
-        """Create an empty list. Events less than `pause` ns apart are joined. If there are more than `most`
-        events, the list also joins events that are further apart than `pause`.
+        """Create an empty list. The list joins events that are less than `pause` ns apart. If the list has
+        more than `most` events, the list increases `pause` and joins its events again.
         """
         self._most = most
         self._pause = pause

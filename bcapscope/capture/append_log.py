@@ -26,7 +26,7 @@ class AppendLogWriter:
         """Create `path` and an index file beside it.
 
         Raises:
-            FileExistsError: One of the two files already exists.
+            FileExistsError: `path` or its index file already exists.
         """
         self._file: BinaryIO = path.open("xb", buffering=0)
         self._index: BinaryIO = _index_path(path).open("xb", buffering=0)

@@ -59,9 +59,9 @@ client's side and at the controller's side (0 if there is no sighting), `is_miss
 class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
-    For a stray reply, `number` is 0 and `request` is the number of the reply's frame. If the stray reply is a
-    late reply, `reply` is the number of its call; otherwise, `reply` is 0. For a stray reply, `evicted` holds
-    `StrayReply.may_answer_evicted`.
+    For a stray reply, `number` is 0, and `request` is the number of the reply's frame. For a late reply,
+    `reply` is the number of the late reply's call. For any other stray reply, `reply` is 0. For a stray
+    reply, `evicted` says whether the reply may belong to a call that was evicted from memory.
     """
 
     number: int
@@ -95,8 +95,8 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes each complete call or stray reply as a row. For each frame, also stores the number of its
-    row.
+    """Writes each complete call or stray reply as a row. The file `_ROW_BY_FRAME` maps frame numbers to row
+    numbers.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from threading import Event
 
 POLL_INTERVAL = 0.02
-"""Time in s between two checks for new data. Users do not notice such a short time. Polling is necessary,
+"""Time in s between two checks for new data. Users do not notice a delay of 20 ms. Polling is necessary,
 because not every operating system can report that a file has grown.
 """
 
@@ -176,8 +176,7 @@ def _captures_in(folder: str) -> list[str]:
 def _is_capture(path: str) -> bool:
     """Return whether a file begins like a readable capture. The file may be compressed with gzip.
 
-    Return True also for a file that cannot be opened. A later attempt to open the file then reports the error
-    to the user.
+    If a file cannot be opened, return True, so that a later attempt to open the file reports the error.
     """
     try:
         with Path(path).open("rb", buffering=0) as stream:

@@ -23,8 +23,8 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of entries in a `RunTable`. A `RunTable` of this size takes 40 MB. After a `RunTable` is
-full, the origins of later packets and frames are unknown.
+"""Maximum number of entries in a `RunTable`. A `RunTable` of this size takes 40 MB. If a `RunTable` is full,
+bcapscope cannot say which capture holds a later packet or frame.
 """
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
@@ -208,7 +208,7 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
 
 class RunTable:
     """Converts one numbering to another. For example, packet 1200 of all captures may be packet 200 of the
-    second capture. One entry of the table covers a range of consecutive numbers.
+    second capture. Each entry of a `RunTable` converts a range of consecutive numbers.
     """
 
     def __init__(self) -> None:

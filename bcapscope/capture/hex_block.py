@@ -19,7 +19,9 @@ LARGEST_BLOCK = 256 * 1024
 blocks."""
 
 MAX_ROWS = 16 * 1024
-"""Maximum number of rows per block. `MAX_ROWS` rows of 16 bytes each hold `LARGEST_BLOCK` bytes."""
+"""Maximum number of rows per block. If each row has 16 bytes, a block of `MAX_ROWS` rows has the size
+`LARGEST_BLOCK`.
+"""
 
 _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows of one block. After a longer gap, a new block
@@ -165,9 +167,9 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """If an asterisk stands for a gap of `count` bytes, fill the gap with copies of the last row. Without
-        an asterisk, leave the bytes of the gap out, and add a note that says how many bytes are missing.
-        Return False if the gap is too large.
+        """Handle a gap of `count` bytes after the last row. If an asterisk in the dump stands for the gap,
+        fill the gap with copies of the last row. If no asterisk stands for the gap, add a note that says how
+        many bytes are missing. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

@@ -16,8 +16,8 @@ import msgspec
 
 MIN_HEX_BYTES = 8
 """Minimum number of adjacent bytes that are read as hex in the middle of prose. Dates, times, MAC addresses,
-and words of the letters a to f have fewer than `MIN_HEX_BYTES` bytes. The smallest argument of a frame has
-ten bytes.
+and words such as "facade" are too short, so bcapscope does not mistake them for hex. The smallest argument of
+a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
@@ -30,7 +30,7 @@ with 64 bytes per row has 240 columns.
 # Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, creating a frozen dataclass 0.9 µs.
 # Unlike a named tuple, a struct never equals a struct of another class.
 class ProseText(msgspec.Struct, frozen=True):
-    """Words beside the hex digits of a line."""
+    """Text in a line that is not hex."""
 
     text: str
 
@@ -116,7 +116,9 @@ _ESCAPE = re.compile(r"\\x([0-9A-Fa-f]{2})|\\([0-7]{1,3})|\\(.)|(.)", re.DOTALL)
 _NAMED = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11}
 _MARK = re.compile(r"0[xX]|\\x")
 _WORDS = re.compile(r"[^\W\d_]|[<>\u2190-\u21ff]")
-"""Finds a letter or an arrow. Text beside hex counts as words only if it contains a letter or an arrow."""
+"""Finds a letter, an arrow, or the tip of an arrow such as "->". `_prose` drops text that has neither letters
+nor arrows.
+"""
 
 
 def parse_line(line: str) -> list[LinePiece]:

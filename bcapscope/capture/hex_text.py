@@ -25,8 +25,8 @@ from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Maximum total number of repeated bytes that bcapscope adds for the asterisk lines of one text. Without a
-limit, a short text could fill the memory.
+"""Maximum total number of repeated bytes that bcapscope adds for the asterisk lines of one text. Without this
+limit, a text of a few lines could make bcapscope fill the memory with repeated bytes.
 """
 
 LARGEST_LIKELY = 64 * 1024
@@ -215,7 +215,7 @@ class _BlockReader:
         self._has_new_caption, self._tail = False, None
 
     def _add_row(self, block: HexBlock, number: int, piece: HexDigits) -> None:
-        """Add a row to a block. If the block is then full, move its last frame to a new block."""
+        """Add a row to a block. If the new row fills the block, move the last frame to a new block."""
         block.add(number, piece)
         if block.is_full:
             self._set_last_block(block.split(_last_frame_start(block)))
@@ -233,8 +233,8 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the byte offset of the last frame in a block; 0 if the block does not begin with a frame. Also
-    return 0 if more than `LARGEST_LIKELY` bytes follow the start of the last frame.
+    """Return the byte offset of the last frame in a block; 0 if the block does not begin with a frame. If the
+    last frame begins more than `LARGEST_LIKELY` bytes before the end of the block, return 0.
     """
     start = (
         _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
@@ -286,7 +286,8 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
     """Return whether `block` continues an incomplete frame at the end of `before`.
 
-    Because a single byte may be a page number, a single byte counts only if the frame lacks exactly one byte.
+    For a block of one byte, return True only if the frame lacks exactly one byte. A block of one byte may be
+    a page number.
     """
     data = block.data
     lacking = _missing_bytes(before.data)

@@ -120,8 +120,8 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old. If the remaining packets still need too much memory, drop
-        the oldest packets.
+        """Drop incomplete packets that are too old. While the incomplete packets need more memory than
+        `MEMORY_LIMIT`, drop the oldest incomplete packet.
         """
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))

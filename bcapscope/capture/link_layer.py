@@ -135,8 +135,8 @@ def _ppp(data: bytes) -> int:
 def _loopback(data: bytes) -> int:
     """Return the offset of the IP header in a loopback packet, or `NOT_IP`.
 
-    Before the IP header is the address family, in the byte order of the capturing machine (in network order
-    for LINKTYPE_LOOP).
+    A loopback packet begins with the address family. The address family has the capturing machine's byte
+    order, or network byte order for LINKTYPE_LOOP.
     """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP

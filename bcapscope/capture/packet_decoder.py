@@ -26,8 +26,8 @@ CONVERSATIONS_LIMIT = 10_000
 addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments are kept. Older comments are not needed, because bcapscope reads
-the comments of a packet soon after the packet.
+"""Maximum number of packets whose comments the decoder keeps. bcapscope uses a packet's comments only shortly
+after decoding the packet.
 """
 
 COMMENTS_BYTES = 4 * 1024 * 1024

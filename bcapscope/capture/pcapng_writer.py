@@ -62,8 +62,8 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the blocks of `count` packets. A `PacketPairEncoder` of this writer must have made the
-        blocks.
+        """Write the blocks of `count` packets. `blocks` must come from functions that `pair_encoder`
+        returned.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.

@@ -78,7 +78,9 @@ class PlaceDecoder:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of all captures. Captures that belong to a `PlacePlan` come first."""
+        """Paths of all captures: first the captures that were paired because of a shared conversation, then
+        the others.
+        """
         return [path for source in self._sources for path in source.sequence.paths]
 
     @property

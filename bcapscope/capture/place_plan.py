@@ -65,7 +65,7 @@ class PlacePlan:
     Attributes:
         files: File captured at the client's side, and file captured at the controller's side.
         clock: How far the clock of the second file is ahead of the clock of the first.
-        shared: For each shared conversation, its ends as captured at the client's side and at the
+        shared: For each conversation in both files, the addresses at the client's side and at the
             controller's side.
     """
 
@@ -75,11 +75,11 @@ class PlacePlan:
 
 
 def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]:
-    """Return a plan for each pair of files that hold the same conversation. Each file belongs to at most one
-    plan.
+    """Find pairs of files that hold the same conversation. Return a `PlacePlan` for each pair. Each file
+    belongs to at most one pair.
 
-    A file that cannot be read belongs to no plan; the error is reported when the file is read again. A pipe
-    belongs to no plan, because a pipe cannot be read again after planning.
+    This function ignores files that cannot be read. bcapscope reports a file's read error later, when
+    decoding the file. This function also ignores pipes, because bcapscope can read a pipe only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}

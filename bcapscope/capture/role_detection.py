@@ -1,6 +1,6 @@
-"""Detect which end of a conversation is the server.
+"""Detect which end of a conversation is the controller.
 
-No field of a frame names the server, but ports and content usually show which end is the server.
+No field of a frame names the controller. However, ports and content usually show which end is the controller.
 """
 
 from __future__ import annotations
@@ -143,11 +143,11 @@ class TimedItem(NamedTuple):
 
 
 class UndecidedConversation:
-    """A conversation whose server may still be unknown. While the server is unknown, this object holds each
-    `TimedItem` of the conversation.
+    """A conversation for which bcapscope may not know yet which end is the controller. While the controller
+    is unknown, this object holds the frames and malformed bytes of the conversation.
 
     Attributes:
-        flows: Flow of each sender, by index 0 or 1; None until the server is known.
+        flows: Flow of each sender, by index 0 or 1; None until the controller is known.
         is_tentative: Whether the traffic may still turn out not to be b-CAP.
     """
 
@@ -156,7 +156,7 @@ class UndecidedConversation:
     ) -> None:
         """Create a conversation.
 
-        If `is_tentative` is True, the first frame must be valid, or the conversation does not count as b-CAP.
+        If `is_tentative` is True, the conversation counts as b-CAP only if the first frame is valid.
         """
         self._ends = ends
         self._transport = transport
@@ -168,7 +168,7 @@ class UndecidedConversation:
         self.flows: tuple[Flow, Flow] | None = None
 
     def set_server(self, server: int, evidence: ServerEvidence) -> None:
-        """Store which end is the server: `server` is the index of this end, 0 or 1."""
+        """Store which end is the controller: `server` is the index of the controller, 0 or 1."""
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
@@ -176,7 +176,9 @@ class UndecidedConversation:
             self.record_close(sender, reset, time)
 
     def guess_server(self) -> None:
-        """Guess the server if it is still unknown; usually, the end that sends first is the client."""
+        """If the controller is unknown, guess which end it is. Usually, the end that sends first is the
+        client.
+        """
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
             self.set_server(1 - client, ServerEvidence(ServerEvidenceKind.GUESS))
@@ -189,9 +191,9 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items` is called.
+        """Hold a frame, or malformed bytes, until `release_items` is called.
 
-        Return False if the item proves that the conversation is not b-CAP.
+        Return False if `timed_item` proves that the conversation is not b-CAP.
         """
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
@@ -213,7 +215,7 @@ class UndecidedConversation:
             self.guess_server()
 
     def release_items(self) -> list[tuple[Flow, TimedItem]]:
-        """Return the items added since the previous `release_items`; none while the server is unknown."""
+        """Return the items added since the previous `release_items`; [] while the controller is unknown."""
         if self.flows is None or not self._held_items:
             return []
         flows, held = self.flows, self._held_items

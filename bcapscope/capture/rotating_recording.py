@@ -82,8 +82,8 @@ class RotatingRecording:
 
     One thread may add packets while another thread calls `flush`, but only if the recording is one file.
 
-    The caller calls `rotate_if_full` before each packet. A new file therefore begins only when there is a
-    packet for it. No file is empty, and an old file is removed only when needed.
+    The caller calls `rotate_if_full` before each packet. A ring begins a new file, and removes its oldest
+    file, only when there is a packet to write.
 
     On a full disk, a ring removes its oldest file and continues. Each file takes at most half of the disk
     space that was free when the file began. Therefore the ring always has an older file to remove when the
@@ -191,7 +191,7 @@ class RotatingRecording:
         return True
 
     def _remove_oldest(self) -> None:
-        with suppress(OSError):  # fails if the user has moved the file
+        with suppress(OSError):  # `unlink` fails if the user has moved the file
             self._files.popleft().unlink()
 
     def rotate_if_full(self) -> bool:
@@ -259,7 +259,7 @@ class RotatingRecording:
                     raise
 
     def _write_file_header(self) -> None:
-        """Write the file header immediately. Other programs can then read the file from the start."""
+        """Write the file header at once, so that other programs can open the file before the first packet."""
         self.flush()
         self._header_size = self._size
 

@@ -1,4 +1,4 @@
-"""TCP conversations of a capture: find and reassemble b-CAP connections, and detect their servers."""
+"""TCP conversations of a capture: find and reassemble b-CAP connections, and detect the controllers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class TcpConversations:
     ) -> None:
         """Create an object that follows no connection yet.
 
-        An end whose port is in `ports` is a server. The object updates `contradictions` and `not_bcap` in
+        An end whose port is in `ports` is a controller. The object updates `contradictions` and `not_bcap` in
         `counts`.
         """
         self._ports = ports

@@ -137,10 +137,10 @@ class TcpStream:
         return bool(self._ahead) or self._end_offset is not None
 
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
-        """Accept the next segment if it is exactly one frame. This is a fast path.
+        """Fast path: accept a segment that comes next in the stream and holds exactly one frame.
 
-        Call this method only while `is_waiting` is False. For any other segment, return None and consume
-        nothing; the caller then calls `receive`.
+        Call this method only while `is_waiting` is False. If this method returns None, the stream has not
+        changed; call `receive` with the same segment.
         """
         _, seq, _, data, _ = segment
         if (
@@ -351,9 +351,10 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Accept a segment that is in order and holds exactly one frame or no data. Nearly all segments do.
+        """Fast path for nearly all segments: accept a segment that is in order and holds one frame or no
+        data.
 
-        For any other segment, return None and consume nothing; the caller then calls `receive`.
+        If this method returns None, the connection has not changed; call `receive` with the same segment.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:

@@ -26,8 +26,8 @@ _VXLAN_PORTS = frozenset({4789, 8472})
 """Ports of VXLAN: the port that IANA assigned, and the older default port of Linux."""
 
 _VXLAN_FLAG = 0x08
-"""Flag in the first byte of the VXLAN header: the network identifier is valid. Extensions use other bits of
-the header.
+"""Flag in the first byte of the VXLAN header: the network identifier is valid. bcapscope checks no other
+flag, because extensions of VXLAN define their own flags.
 """
 
 _UDP_HEADER_SIZE, _VXLAN_SIZE = 8, 8

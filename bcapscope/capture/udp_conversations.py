@@ -24,8 +24,8 @@ C/src/bcap_server.c).
 If the flow of a client was dropped and the client returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""At most this many conversations may have an unknown server. To make room for another conversation,
-bcapscope guesses which end of the oldest undecided conversation is the server.
+"""Maximum number of UDP conversations for which bcapscope does not know which end is the controller. At this
+maximum, bcapscope guesses the controller of the conversation whose controller has been unknown longest.
 """
 
 
@@ -33,8 +33,8 @@ class UdpConversations:
     """All UDP conversations of a capture.
 
     Attributes:
-        flows: Flow of each b-CAP conversation whose server is known. The key is the bytes of source address,
-            destination address, source port and destination port, as in a packet.
+        flows: Flow of each b-CAP conversation whose controller is known. The key is the bytes of source
+            address, destination address, source port and destination port, as in a packet.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class UdpConversations:
     ) -> None:
         """Create an object that knows no conversation yet.
 
-        An end whose port is in `ports` is a server; `counts` counts datagrams that are not b-CAP.
+        An end whose port is in `ports` is a controller. `counts` counts datagrams that are not b-CAP.
         """
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
@@ -54,7 +54,7 @@ class UdpConversations:
         self, addresses: bytes, segment: bytes, arrival: tuple[int, int, int], note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
         """Accept a UDP datagram with its 8-byte header. Return the new and the held `TimedItem` objects of
-        each conversation whose server is now known.
+        each conversation whose controller is now known.
 
         `arrival` is a tuple of three fields of a `TimedItem`: `began`, `time` and `packet`. `note` is the
         reason why the datagram is incomplete; None for a whole datagram.
@@ -83,7 +83,7 @@ class UdpConversations:
         return found + self._release_items(key, talk, sender)
 
     def close(self) -> list[tuple[Flow, TimedItem]]:
-        """Guess the server of each conversation whose server is unknown, and return the items that were
+        """Guess the controller of each conversation whose controller is unknown. Return the items that were
         held.
         """
         found: list[tuple[Flow, TimedItem]] = []

@@ -85,7 +85,9 @@ class BackgroundRecorder:
             self._gap_bytes[direction] += len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """If a TCP connection has data in the recording, record that one end has closed the connection."""
+        """Record that one end has closed a TCP connection, but only if the recording holds data of this
+        connection.
+        """
         if (source, target) in self._gap_bytes or (target, source) in self._gap_bytes:
             write = partial(SocketRecording.write_stream_end, reset=reset)
             self._queue_packet(0, write, source, target, time)

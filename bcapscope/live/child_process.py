@@ -1,5 +1,4 @@
-"""Runs a bcapscope command in a child process. The screen runs the simulator and proxies in this way, and
-`bcapscope.testing` runs proxies.
+"""Runs a bcapscope command in a child process.
 
 The parent ends the command with a signal. If the parent is killed, the command's standard input closes, and
 the command ends.
@@ -143,11 +142,11 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """If the command ends unexpectedly, call `on_end` with its last line, or with "" if a signal killed
-        it.
+        """If the command ends unexpectedly, call `on_end` with the last line that the command printed. If a
+        signal killed the command, call `on_end` with "".
 
-        If the command has ended already, `on_end` is called at once; otherwise, another thread calls it
-        later.
+        If the command has already ended, this method calls `on_end` at once. If the command is still running,
+        another thread calls `on_end` later.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

@@ -84,7 +84,7 @@ class CpuWakefulness:
     def __init__(self) -> None:
         self._has_haltpoll = _uses_haltpoll()
         self._limit_us = 0 if self._has_haltpoll else _lightest_latency_us()
-        self._device: int | None = None  # descriptor of `_DEVICE`; None if no limit is set
+        self._device: int | None = None  # file descriptor of `_DEVICE`; None while no wake-up limit is set
         self._count_before, self._counted_at = 0, -math.inf
         self._busy_at = self._not_before = -math.inf
         self._measured_at = self._stolen_before = 0.0
@@ -118,7 +118,7 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
             return
         try:
-            # If the device file does not exist, this call does not create it.
+            # Without O_CREAT, `os.open` does not create a missing device file.
             self._device = os.open(_DEVICE, os.O_WRONLY)
             os.write(self._device, _REQUEST.pack(self._limit_us))
         except (OSError, struct.error):

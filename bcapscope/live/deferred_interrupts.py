@@ -16,9 +16,9 @@ class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
     SIGTERM has the same effect as Ctrl-C, because scripts use SIGTERM to end a program that runs in the
-    background. The first Ctrl-C takes effect only while the program waits for input. If the user presses
-    Ctrl-C again before the first Ctrl-C takes effect, the program ends as usual. Create the object in the
-    main thread, because only that thread handles signals.
+    background. The first Ctrl-C takes effect only while the program waits for input. A second Ctrl-C raises
+    KeyboardInterrupt at once, even while the program processes input. Create the object in the main thread,
+    because only the main thread handles signals.
     """
 
     def __init__(self) -> None:

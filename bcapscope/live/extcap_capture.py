@@ -69,9 +69,9 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
     """Run a command that records to `pipe`, until the queue `ends` receives a reason to end the capture.
 
-    The command runs in a child process, so that Wireshark does not read the command's standard error.
-    Wireshark would show the command's messages as errors. The first signal ends the command gracefully.
-    Further signals have no effect.
+    The command runs in a child process, so that Wireshark does not read the command's standard error. If
+    Wireshark read the command's messages, Wireshark would show the messages as errors. The first signal ends
+    the command gracefully. Further signals have no effect.
 
     Raises:
         CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.
@@ -127,9 +127,9 @@ def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
     elif descriptor is not None:
         parent, poll = os.getppid(), select.poll()
         poll.register(descriptor, 0)
-        # `poll` reports a pipe without a reader, even if no event is registered. After Wireshark is killed,
-        # Wireshark's capture program still reads the pipe until the next packet. Without a packet, only a
-        # changed parent process (`getppid`) shows that Wireshark was killed.
+        # `poll` reports a pipe without a reader, even if no event is registered. If Wireshark is killed,
+        # Wireshark's capture program closes the pipe only when the next packet arrives. Before the next
+        # packet, only a changed parent process (`getppid`) shows that Wireshark was killed.
         while not poll.poll(_PARENT_INTERVAL_MS) and os.getppid() == parent:
             pass
     ends.put(None)

@@ -30,8 +30,9 @@ BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
 The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
-watcher answers with a JSON list of `ClosingRequests`. Any other message from the relay is advice for the
-user. When the watcher warns the user of a slow proxy, the watcher adds the relay's latest advice.
+watcher answers with a JSON list of `ClosingRequests`. A message from the relay that is neither `BEGIN` nor
+`CLOSE_SESSIONS` is advice for the user. When the watcher warns the user of a slow proxy, the watcher adds the
+relay's latest advice.
 """
 
 INCOMPLETE = 6

@@ -65,8 +65,9 @@ would take longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Maximum age in ns of undecoded traffic. If the watcher has a subscriber, `_PUBLISHED_WITHIN_NS` applies. If
-undecoded traffic is older than the maximum age, the watcher does not pause between polls.
+"""Maximum age in ns of undecoded traffic: `_PUBLISHED_WITHIN_NS` if the watcher has a subscriber,
+`_SHOWN_WITHIN_NS` if not. If undecoded traffic is older than the maximum age, the watcher does not pause
+between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
@@ -167,8 +168,8 @@ class RecorderTask:
 class ProxyWatcher:
     """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic.
 
-    The watcher needs limited memory: undecoded records wait in the ring, and all subscribers limit their
-    data.
+    The watcher's use of memory is limited, because undecoded records wait in the ring, and all subscribers
+    limit their data.
     """
 
     def __init__(
@@ -245,8 +246,9 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: new traffic arrives, the ring has space, and no record
-        is too old.
+        """Return whether the watcher may pause while undecoded records wait in the ring.
+
+        The watcher may pause only if new traffic arrives, the ring has space, and no record is too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written

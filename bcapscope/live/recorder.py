@@ -17,9 +17,9 @@ class Recorder:
     once and drops packets.
 
     Attributes:
-        files: Files of the recording, with the number of packets that wait for `flush`.
-        packets: Recording to which you write packets. Writing never raises an exception, and `flush` brings
-            the packets into the file.
+        files: The one file of the recording, or the ring of files.
+        packets: Object to which you add packets. Adding a packet never raises an exception. `flush` writes
+            the added packets to the file.
         is_complete: Whether all packets could be written so far.
     """
 
@@ -44,7 +44,11 @@ class Recorder:
         self._has_warned_full = False
 
     def begin_packet(self) -> bool:
-        """Call this method before each packet of a ring of files. Return whether a new file has begun."""
+        """In a ring of files, begin the next file if the current file is full. Return whether a new file
+        began.
+
+        Call this method before you add a packet to a ring of files.
+        """
         try:
             return self.is_complete and self.files.rotate_if_full()
         except OSError as error:

@@ -47,7 +47,7 @@ class RelayedTraffic:
         self._pipeline.expire(self._legs.delivered_until)
 
     def flush(self) -> None:
-        """Analyse all frames now, although the proxy may still forward some of them."""
+        """Analyse all frames now, including frames that the proxy has not forwarded yet."""
         self._add_joined(self._legs.close())
 
     def close_conversation(self, conversation: Conversation) -> None:

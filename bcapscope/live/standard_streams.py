@@ -37,8 +37,8 @@ def choose_palette(color: str) -> Palette:
 
 
 def can_poll_stdin() -> bool:
-    """Return whether this process can wait for stdin. A background job cannot wait for its terminal. On
-    Windows, no program can wait for stdin.
+    """Return whether this process can poll stdin for input. A background job cannot read from its terminal.
+    On Windows, `select` accepts only sockets.
     """
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False

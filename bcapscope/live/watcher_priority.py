@@ -2,9 +2,9 @@
 programs.
 
 Measured 99.9th percentile of round trips: 2.6 ms with the watcher at nice 10, 0.5 ms with the watcher at idle
-priority. A client and a server ran on the same two processors. When another process wakes up, Linux
-interrupts a process of idle priority at once. Linux may let a process above idle priority finish its time
-slice of about 3 ms.
+priority. During this measurement of round trips, a client program and a server program shared two processors
+with the proxy. When another process wakes up, Linux interrupts a process of idle priority at once. Linux may
+let a process above idle priority finish its time slice of about 3 ms.
 
 However, Linux sometimes interrupts a process with idle priority too late. Linux updates the run time of a
 process, and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher
@@ -32,15 +32,15 @@ LATE_AFTER = 0.2
 """
 
 OVERDUE_AFTER = 0.4
-"""If the watcher does not read new records within this many seconds, the watcher's urgency is `ALL`. This
-limit keeps the recording at most a second behind the traffic.
+"""If the watcher does not read new records within this many seconds, the relay sets the highest
+`WatcherUrgency`. This limit keeps the recording at most a second behind the traffic.
 """
 
 MAX_RING_SHARE = 0.5
-"""If unread records fill more than this share of the ring, the watcher's urgency is `ALL`."""
+"""If unread records fill more than this share of the ring, the relay sets the highest `WatcherUrgency`."""
 
 IDLE_AGAIN_AFTER = 30.0
-"""If the watcher was not late for this many seconds, it returns to idle priority."""
+"""The watcher returns to idle priority after it has kept up with the traffic for this many seconds."""
 
 
 class WatcherUrgency(IntEnum):
@@ -58,8 +58,8 @@ class WatcherPriority:
     """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with the watcher at idle priority. `set_idle` switches the watcher to idle priority (True) or
-        to normal priority (False).
+        """Start with the watcher at idle priority. `set_idle(True)` switches the watcher to idle priority,
+        and `set_idle(False)` switches the watcher to normal priority.
         """
         self._ring = ring
         self._set_idle = set_idle
@@ -99,8 +99,8 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor. While the watcher's urgency is `WatcherUrgency.ALL`, the
-    function does nothing.
+    """Return a function that yields the processor. At the highest `WatcherUrgency`, the returned function
+    does nothing.
     """
     if not hasattr(os, "sched_yield"):
         return lambda: None
@@ -122,9 +122,11 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that switches another process to idle priority (True), or to normal priority with
-    this process's nice value (False). If the user may not move a process out of idle priority, the function
-    does nothing.
+    """Return a function that sets the priority of the process with the id `process`.
+
+    Call the returned function with True for idle priority, or with False for normal priority. Normal priority
+    means the nice value of the calling process. If the user may not move a process out of idle priority, the
+    returned function does nothing.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0

@@ -24,8 +24,8 @@ class RecordingContext(ABC):
     """Records the traffic of a `with` or `async with` block in the file `record`. If `record` is None, the
     file is temporary.
 
-    With `async with`, a thread enters and leaves the block, so that the event loop continues. If the task is
-    cancelled, everything is released before the cancellation continues.
+    `async with` starts and stops the recording in a thread, so that the event loop does not wait. If the
+    asyncio task is cancelled, the recording stops before `async with` raises CancelledError.
     """
 
     def __init__(self, record: str | Path | None) -> None:

@@ -1,9 +1,9 @@
 """Report errors from the controller's error list as causes of earlier refusals.
 
 Some refusals name no cause. For example, the code 84201486 says only that the controller abandoned set points
-because of an earlier error. The controller's error list contains the code of the earlier error.
-`ErrorListChecker` finds the error that explains a refusal, and reports this error under the rule for the
-error's code.
+because of an earlier error. The controller's error list can contain the code of the error that caused a
+refusal. `ErrorListChecker` finds the error that explains a refusal, and reports this error under the rule for
+the error's code.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ _LASTING = (
     *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
     "manual-reset-missing",
 )
-"""Rules about problems that ClearError does not end. `ErrorListChecker` explains a refusal with a code in
-`ACTIVE_CODES` only by errors of these rules. An error of any other rule blocks calls only until the client
-calls ClearError.
+"""Rules about problems that ClearError does not end. ClearError ends every error that belongs to a rule
+outside `_LASTING`. `ErrorListChecker` explains a refusal with a code in `ACTIVE_CODES` only by an error whose
+rule is in `_LASTING`.
 """
 
 _MAX_CONTROLLERS = 256

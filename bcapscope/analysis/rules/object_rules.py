@@ -86,8 +86,8 @@ class ObjectChecker(RuleChecker):
         self.report_call("handle-leak", call, fact, group_key=f"{kind} {name}", is_update=is_update)
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the key to delete from `_tallies`: the oldest key with at most one open handle. If every key
-        has several open handles, return the oldest key.
+        """Return the key of the oldest object in `_tallies` that has at most one open handle. If every object
+        in `_tallies` has several open handles, return the key of the oldest object.
         """
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))

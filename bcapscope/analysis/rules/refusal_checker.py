@@ -43,7 +43,9 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move, as `ClientState.equivalent_command` names them."""
+"""Calls that must succeed before the robot can move. Each text in `_PREPARATIONS` is a result of
+`ClientState.equivalent_command`.
+"""
 
 
 class RefusalChecker(RuleChecker):

@@ -44,7 +44,7 @@ from bcapscope.traffic.observation import Transport
 
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""If the controller answers an attempt of a long call within this time (in ns), the cause is packet loss."""
+"""If the controller answers an attempt within this time in ns, the call took long because of packet loss."""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND

@@ -154,7 +154,6 @@ class WireChecker(RuleChecker):
         advice: Message | None = None,
         **places: PlaceValue,
     ) -> None:
-        """Report a problem of a frame. The text of the finding is the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
             f"finding.{rule}{case}",

@@ -17,8 +17,8 @@ _ROWS_AT_ONCE = 256
 """Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the largest squared error to the smallest squared error among all tested lags. An axis
-with a smaller ratio of squared errors moves too little to show a lag.
+"""Minimum ratio of the largest to the smallest sum of squared errors among all tested lags. If the ratio for
+an axis is less than `_CLEAR`, the axis moves too little to show a lag.
 """
 
 

@@ -14,12 +14,13 @@ The model is a prediction, not an observation. It assumes:
   S_BUF_FULL means that the buffer is full. In modes in which the controller sets the pace, a set point is in
   the buffer before its reply arrives.
 
-The controller takes each set point at the same moment of a period, called the controller's phase. A capture
-does not show the controller's phase. The model assumes the earliest phase. The real deadlines may be up to
-one period later than the deadlines of the model. If a set point misses the model's deadline by at most one
-period, the model counts a possible underflow. If a set point misses the model's deadline by more than one
-period, the model counts a predicted underflow. The model predicts an overflow only if the buffer would be
-full for every possible phase of the controller.
+The controller takes set points from the buffer at the same moment of each period. A capture does not show
+at which moment of a period the controller takes set points. The model assumes that the controller takes each
+set point at the earliest possible moment. The real deadlines may be up to one period later than the deadlines
+of the model. If a set point misses the model's deadline by at most one period, the model counts a possible
+underflow. If a set point misses the model's deadline by more than one period, the model counts a predicted
+underflow. The model predicts an overflow only if the buffer would be full no matter when in a period the
+controller takes set points.
 `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
 these numbers.
 """
@@ -161,9 +162,10 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The controller's phase is unknown, so an overflow is certain only if `_excess_ns` is more than two
-        # periods. If a new set point replaces the waiting set point, the limit for `_excess_ns` is one
-        # period. In modes in which the controller sets the pace, the buffer never overflows.
+        # The model does not know when in a period the controller takes set points. An overflow is certain
+        # only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set point,
+        # the limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the buffer
+        # never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )

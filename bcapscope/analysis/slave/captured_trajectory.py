@@ -47,7 +47,7 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """A trajectory from a slave-mode session, without its set points.
+    """Facts about a trajectory that was captured in a slave-mode session.
 
     Attributes:
         session_number: Number of the slave-mode session, the same as in the output of ``slave``.

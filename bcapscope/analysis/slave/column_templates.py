@@ -1,8 +1,8 @@
-"""Read the numbers of many frames in one step.
+"""Read poses and time stamps from many frames in one step.
 
 The frames of a slave-mode session's set points differ only in the serial, the reserved field and the numbers
 in their arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no
-problems. With this template, the reader reads the numbers of all similar frames into columns.
+problems. With the template, `ColumnReader` copies poses and time stamps from all similar frames into columns.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class ColumnReader:
 
         `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
         missing time stamp is None. To learn a template, `ColumnReader` replaces each number in the argument
-        by an index before it calls `pick`. Therefore `pick` must not depend on the values of the numbers.
+        of `pick` with the index of the number. `pick` must choose numbers by position, never by value.
         """
         self._argument = argument
         self._pick = pick

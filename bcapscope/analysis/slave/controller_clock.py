@@ -19,8 +19,8 @@ _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
 """If time stamps advance by at least 30 per ms of capture time, their unit is µs. Time stamps in ms advance
-by 1 per ms, and time stamps in µs advance by 1000 per ms. The limit is about 30 times the lower rate, and
-about a 30th of the higher rate.
+by 1 per ms, and time stamps in µs advance by 1000 per ms. The limit of 30 per ms is near the geometric
+mean of 1 per ms and 1000 per ms.
 """
 
 

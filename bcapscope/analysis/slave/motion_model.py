@@ -135,14 +135,15 @@ class MotionFacts:
     Attributes:
         read: Number of set points with a readable pose.
         unread: Number of set points whose pose is unreadable or of another type.
-        not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
-        not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
+        not_finite: Number of set points with a NaN or an infinity. All other figures leave out set
+            points with a NaN or an infinity.
+        not_finite_frames: Frame numbers of the requests with a NaN or an infinity, at most `MAX_LISTED`.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
         repeated: Number of set points that are equal to the previous set point.
         stutters: Number of repeated set points in the middle of a motion. Each stutter makes the robot stop
             for one period.
-        stutter_frames: Numbers of the request frames of the first stutters.
+        stutter_frames: Frame numbers of the requests that made the robot stutter, at most `MAX_LISTED`.
         jumps: Number of jumps of all kinds (see `JumpKind`).
         figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for
             joint positions.
@@ -333,7 +334,9 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # an outlier cannot begin directly before a jump of another kind
+        # An outlier has two steps: away from the path, and back to the path. A step that counts as a jump of
+        # another kind cannot be the step back.
+        counted[:-1] |= counted[1:]
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns

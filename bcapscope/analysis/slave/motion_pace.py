@@ -1,8 +1,8 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
 A client may pause or slow down while the robot stands still, and may wait longer after lost packets. A cycle
-from one set point to the next counts only if the robot moves to both set points. The controller must also
-have answered the first attempt of the earlier set point.
+from one set point to the next counts only if the robot moves to both set points. A cycle does not count if
+its first set point was retried or unanswered.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
-"""Longest cycle in ms that counts for the pace. A longer cycle is a pause."""
+"""Longest cycle in ms that counts for the pace. A cycle longer than `LONGEST_CYCLE_MS` is a pause."""
 
 PROMPT_MS = 1.0
 """If a client waits only for the reply, its next set point follows the reply within this time in ms."""

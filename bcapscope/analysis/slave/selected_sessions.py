@@ -13,8 +13,8 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class SelectedSlaveSessions(PipelineSubscriber):
-    """Finds the sessions with selected set points. `is_selected` tests only set points; any other call can
-    begin or end a session.
+    """Finds the slave-mode sessions with set points that `is_selected` accepts. `is_selected` tests only set
+    points, because other calls may begin or end a session.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ class SlaveSessionBuilder:
 
     Attributes:
         key: Conversation and robot handle of the client that sends the set points. Before the first set
-            point, `key` belongs to the client that entered slave mode.
+            point, `key` has the conversation and robot handle of the client that entered slave mode.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
@@ -87,9 +87,8 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the latest set point or of its reply, whichever is later, ns since 1970; 0 if unknown.
-        `last_activity` is at least `entered_at`, even if the client sent set points before slvChangeMode was
-        answered.
+        """Latest of these times, ns since 1970: last set point, reply to the last set point, and
+        `entered_at`. If the session has none of these times, `last_activity` is 0.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)

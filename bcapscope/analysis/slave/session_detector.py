@@ -46,7 +46,8 @@ SUSPECT_WITHIN_NS = 2_000_000_000
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
-No source gives this time. The value is an estimate: the robot may brake along its path for 25 cycles of 8 ms.
+No source states the value of `STILL_TAKING_NS`. bcapscope assumes that the robot brakes along its path for
+at most 25 cycles of 8 ms.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
@@ -356,7 +357,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # `processed` adds the set points that the builder has stored but not processed
+        # `session` leaves out set points in `batch`; `processed` returns a builder with an empty `batch`
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -389,8 +390,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a session ended. If the set points do not show the reason, search the other calls
-    to the same controller.
+    """Return why and when a session ended. If the set points do not show why the session ended, search the
+    recent calls that are not set points.
     """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):

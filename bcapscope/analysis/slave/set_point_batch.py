@@ -31,8 +31,8 @@ class FrameBytes:
     """The frames of a batch in one direction, stored one after another.
 
     Attributes:
-        size: The common size in bytes of the frames in `data`; 0 while `data` has no frame.
-        data: Bytes of all frames that have the common size; for each frame of another size, `data` has zeros.
+        size: Size in bytes of each frame in `data`; 0 until the first frame is added to `data`.
+        data: All frames that are `size` bytes long. For each frame of another size, `data` has zeros.
     """
 
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
@@ -43,7 +43,7 @@ class FrameBytes:
             self.add(place, raw)
 
     def add(self, index: int, raw: bytes) -> None:
-        """Add a frame. The first frame of at most `LARGE_FRAME` bytes sets the common size."""
+        """Add a frame. `size` becomes the length of the first frame that has at most `LARGE_FRAME` bytes."""
         if not self.size and 0 < len(raw) <= LARGE_FRAME:
             self.size = len(raw)
             self.data += bytes(self.size * index)

@@ -21,8 +21,8 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. Beyond this number, new call
-kinds of a client are counted together as `OTHER_KINDS`.
+"""Maximum number of pairs of client and call kind that are counted separately. After `MAX_KINDS`
+pairs, bcapscope counts all new call kinds of a client together as `OTHER_KINDS`.
 """
 
 MAX_CODES = 16
@@ -36,11 +36,11 @@ further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTI
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all further kinds of call if there are more than `MAX_KINDS`. No function has the id 0."""
+"""Stands for all call kinds that bcapscope does not count separately. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""If 2 * `MAX_KINDS` pairs of client and call kind are already counted, `OTHER_CLIENTS` stands for the client
-of each new pair.
+"""If 2 * `MAX_KINDS` pairs of client and call kind exist, bcapscope counts each new pair under
+`OTHER_CLIENTS`.
 """
 
 _FLUSH_AT = 512
@@ -288,8 +288,8 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    Captures are not always read in chronological order. If a call starts more than `GRACE_NS` before the
-    latest call, `add_call` returns all unfinished slices. If a call starts in a slice that was already
+    Captures are not always read in chronological order. If the start times of the calls jump back by more
+    than `GRACE_NS`, `add_call` returns all unfinished slices. If a call starts in a slice that was already
     returned, `add_call` begins a second slice for the same period.
     """
 

@@ -131,8 +131,8 @@ def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[li
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the call that opens the robot, and a tuple of the robot's
-    name and type. If the robot was not opened, None replaces the tuple.
+    """Open and select a robot. Return the record of the call that opens the robot, and the robot's name and
+    type. If the robot cannot be opened, return None in place of the name and type.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record

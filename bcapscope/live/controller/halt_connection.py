@@ -124,8 +124,10 @@ class HaltConnection:
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only whether HALT succeeded or failed, because a new HALT connection reports
-        its own state.
+        """From now on, report only whether HALT succeeded or failed.
+
+        Call this method before a new HALT connection replaces this connection, so that only the new
+        connection reports its state.
         """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)

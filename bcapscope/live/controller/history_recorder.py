@@ -76,9 +76,7 @@ class HistoryRecorder:
             self._complete_call(call, RecordOutcome.UNANSWERED, event.attempts)
 
     def abandon_own_call(self) -> None:
-        """Abandon the call in progress if the current asyncio task made this call. Do not abandon the call of
-        another task.
-        """
+        """Abandon the call in progress, but only if the current asyncio task made this call."""
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call()
 
