@@ -120,7 +120,6 @@ class ClientSlots:
         if oldest is None:
             return False
         oldest.close(False, TOO_MANY_CLIENTS)
-        self._reserved.pop(oldest.number, None)
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
@@ -131,7 +130,6 @@ class ClientSlots:
         if victim is None:
             return False
         victim.close(False, TOO_MANY_CLIENTS)
-        self.release(victim.number)
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from bcapscope.messages import Message
+from bcapscope.protocol.first_frame import LONGEST_FIRST_FRAME
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of
 from bcapscope.transport.first_frame_queue import FirstFrameQueue
 from bcapscope.transport.socket_link import close_with_reset
@@ -21,9 +22,6 @@ Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
 """Function that admits a client. The arguments are the socket, the address, the bytes received so far, and
 the time of the last bytes in ns since 1970.
 """
-
-_AT_ONCE = 4096
-"""Maximum number of bytes that the proxy reads at once."""
 
 
 class PendingConnections:
@@ -70,7 +68,7 @@ class PendingConnections:
     def _read(self, descriptor: int) -> None:
         client, address, admit = self._clients[descriptor]
         try:
-            data = client.recv(_AT_ONCE)
+            data = client.recv(LONGEST_FIRST_FRAME)
         except BlockingIOError:
             return
         except OSError:

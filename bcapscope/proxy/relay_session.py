@@ -74,8 +74,8 @@ class RelaySession(ABC):
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that the rules release, then close the session. With `reset`, reset a
-        stream."""
+        """Send the held messages that the rules release, then close the session and release its slot. With
+        `reset`, reset a stream."""
 
 
 class ClientListener(ABC):

@@ -36,10 +36,11 @@ class RequestsOnlyEvidence:
         if self.is_proven:
             return
         before, self._latest_call = self._latest_call, call
-        is_next = before is not None and (
-            not before.other_frames and call.request.time - before.request.time < LONGEST_STEP_NS
-        )
-        self._calls_in_a_row = self._calls_in_a_row + 1 if is_next else 1
+        if before is not None and (
+            before.other_frames or call.request.time - before.request.time >= LONGEST_STEP_NS
+        ):
+            self._calls_in_a_row = 0
+        self._calls_in_a_row += 1
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
             return

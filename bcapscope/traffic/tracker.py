@@ -158,9 +158,9 @@ class Tracker:
         self._collect(largest.evict_oldest((len(largest.open_calls) + 1) // 2))
 
     def _collect(self, calls: Iterable[Call]) -> None:
-        before = len(self._results)
-        self._results.extend(calls)
-        self._calls_settled += len(self._results) - before
+        settled = [*calls]
+        self._results += settled
+        self._calls_settled += len(settled)
 
     def _pop_results(self) -> Sequence[PairingResult]:
         due, self._results = self._results, []

@@ -35,6 +35,22 @@ def through(machine: FaultInjector, flows: Talk, *serials: int) -> list[bytes]:
     return [data for _, data in arrivals(machine, flows.up, [request(serial) for serial in serials])]
 
 
+@pytest.mark.parametrize(
+    ("fault", "needed"),
+    [
+        ("delay=1ms", False),
+        ("partition", False),
+        ("pass request", False),
+        ("delay=1ms 50%", True),
+        ("delay=1ms if serial == 1", True),
+        ("delay=1ms try 2", True),
+        ("drop", True),
+    ],
+)
+def test_a_fault_needs_whole_frames_only_to_choose_or_change_them(fault: str, needed: bool) -> None:
+    assert shaper(fault).needs_frames(0) is needed
+
+
 def test_without_faults_all_passes_as_it_came() -> None:
     flows = talk()
     machine = shaper()
@@ -133,6 +149,9 @@ def test_a_jitter_stays_around_the_delay(distribution: str) -> None:
     assert len(set(delays)) > 900
     if distribution == "uniform":
         assert max(delays) <= 6 * MS
+    if distribution == "pareto":  # few delays are long, and none is much shorter than the mean
+        assert min(delays) >= 4.5 * MS
+        assert max(delays) > 7 * MS
 
 
 def test_copies_follow_their_message() -> None:

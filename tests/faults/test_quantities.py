@@ -119,6 +119,11 @@ def test_a_span_holds_numbers_back_and_what_is_no_number_too() -> None:
     assert Span.read("5..").clamp(-math.inf) == 5
 
 
+@pytest.mark.parametrize(("kind", "written"), [(Span, "-90..90"), (FrameCondition, "serial == 1")])
+def test_equal_values_are_one_member_of_a_set(kind: Any, written: str) -> None:
+    assert len({kind.read(written), kind.read(written)}) == 1
+
+
 @given(st.integers(0, 10**9 * 86_400 * 365))
 def test_durations_are_written_back(value: int) -> None:
     assert DurationQuantity.read(DurationQuantity(value).text) == value

@@ -48,6 +48,13 @@ def test_no_stops(data: bytes) -> None:
     assert first_frame_stops(data) is False
 
 
+@pytest.mark.parametrize(("characters", "stops"), [(490, True), (491, False)])
+def test_a_stop_has_at_most_1024_bytes(characters: int, stops: bool) -> None:
+    data = encode_frame(1, 0, 70, (ROBOT, Variant(VT.BSTR, "x" * characters)))
+    assert (len(data) <= 1024) is stops
+    assert first_frame_stops(data) is stops
+
+
 def test_nothing_is_unpacked_to_find_a_stop() -> None:
     body = zlib.compress(HALT[9:-1])
     packed = b"\x01" + (len(body) + 10).to_bytes(4, "little") + HALT[5:7] + b"\x01\x00" + body + b"\x04"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.text_format import counted, display_width, is_spreadsheet_formula
+from bcapscope.protocol.text_format import counted, display_width, is_spreadsheet_formula, shortened
 
 
 @pytest.mark.parametrize(
@@ -21,6 +21,11 @@ from bcapscope.protocol.text_format import counted, display_width, is_spreadshee
 )
 def test_what_a_spreadsheet_computes(text: str, computed: bool) -> None:
     assert is_spreadsheet_formula(text) is computed
+
+
+@pytest.mark.parametrize(("text", "shown"), [("", ""), ("abc", "abc"), ("abcd", "abc…")])
+def test_a_long_text_is_shortened(text: str, shown: str) -> None:
+    assert shortened(text, 3) == shown
 
 
 def test_numbers_with_nouns() -> None:

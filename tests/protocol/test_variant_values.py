@@ -27,6 +27,7 @@ _I4 = Variant(VT.I4, 1)
         ([1, 2], Variant.array(VT.I4, (1, 2))),
         ([1, 2**40], Variant.array(VT.I8, (1, 2**40))),
         ([1, 2.5], Variant.array(VT.R8, (1.0, 2.5))),
+        ([1, 2**40, 2.5], Variant.array(VT.R8, (1.0, float(2**40), 2.5))),
         (("a", "b"), Variant.array(VT.BSTR, ("a", "b"))),
         ([True], Variant.array(VT.BOOL, (True,))),
         ([], Variant.array(VT.VARIANT, ())),

@@ -48,6 +48,11 @@ def script(tmp_path: Path) -> Callable[[str], str]:
     return write
 
 
+def test_an_error_of_several_lines_is_reported_by_its_first(script: Callable[[str], str]) -> None:
+    with pytest.raises(ScriptError, match=r"ValueError: first \(mine\.py line 1\)"):
+        load_addons(script("raise ValueError('first\\nsecond')"))
+
+
 def test_each_class_with_a_hook_is_made(script: Callable[[str], str]) -> None:
     path = script(
         "from dataclasses import dataclass\n"

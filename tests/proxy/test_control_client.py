@@ -65,6 +65,19 @@ def test_somebody_else_is_there(answer: bytes, reason: str) -> None:
                 client.request(control.GetStats(), control.ProxyStats)
 
 
+@pytest.mark.parametrize(("size", "is_read"), [(16 << 20, True), ((16 << 20) + 1, False)])
+def test_a_list_of_held_messages_has_at_most_16_mb(size: int, is_read: bool) -> None:
+    answer = b'{"ok":true,"held":[]'.ljust(size - 2) + b"}\n"
+    with _answering(answer) as address, closing(ControlClient(address)) as client:
+        for _ in range(2):
+            if is_read:
+                assert client.request(control.ListHeld(), control.HeldResponse).held == []
+                client.close()
+            else:
+                with pytest.raises(ControlError, match="exceeds 16 MB"):
+                    client.request(control.ListHeld(), control.HeldResponse)
+
+
 def test_after_a_reset_it_connects_again() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(PATIENCE)

@@ -259,6 +259,11 @@ def test_another_file_is_not_taken_away(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
+def test_a_client_does_not_wait_for_ever(address: str) -> None:
+    with server(address) as made, connect_control(made.address, 7.5) as sock:
+        assert sock.gettimeout() == 7.5
+
+
 def test_nobody_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ControlError, match="no such file"):
         connect_control(str(tmp_path / "none"))

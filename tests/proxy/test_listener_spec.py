@@ -31,6 +31,8 @@ def test_pairs_in_their_order() -> None:
         (["127.0.0.1:²"], ["a:1"], "'²' is not a port"),
         (["robot:1"], ["a:1"], "'robot' is not an IP address"),
         (["::1:5008"], ["a:1"], "brackets"),
+        (["[::1:5008"], ["a:1"], "'[::1' is not a host name or address"),
+        (["::1]:5008"], ["a:1"], "'::1]' is not a host name or address"),
         (["upd:127.0.0.1:1"], ["a:1"], "'upd:127.0.0.1' is not a host name or address"),
         (["127.0.0.1:1"], ["tcp:a:1"], "'tcp:a' is not a host name or address"),
         (["5008"], ["a:1"], "the port is missing, as in 127.0.0.1:5008"),

@@ -56,6 +56,25 @@ def test_what_rules_lost_was_said_but_not_heard() -> None:
     assert [each.time for each, _ in made_up] == [40]
 
 
+@pytest.mark.parametrize(
+    "disturbed",
+    [
+        pytest.param(data(True, 10, 0, REQUEST), id="dropped"),
+        pytest.param(data(False, 0, 20, REPLY), id="invented"),
+        pytest.param(data(True, 10, 20, REQUEST, "late"), id="noted"),
+    ],
+)
+def test_the_controllers_side_is_decoded_once_the_proxy_disturbs_a_message(disturbed: RingRecord) -> None:
+    joined: list[tuple[str, str]] = []
+    decoder = RecordDecoder(lambda near, far: joined.append((str(near.client), str(far.client))))
+    assert len(list(decoder.decode([opened("udp"), data(True, 1, 2, REQUEST)]))) == 1
+    assert joined == []
+    list(decoder.decode([disturbed]))
+    later = [each for each, _ in decoder.decode([data(True, 30, 31, REQUEST)])]
+    assert [(each.number > 0, each.time) for each in later] == [(True, 30), (False, 31)]
+    assert joined == [("10.0.0.2:50001", "10.0.0.3:50002")]
+
+
 def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
     found = seen(
         opened("tcp"),

@@ -23,6 +23,7 @@ from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
+from tests.proxy.test_rule_policy import rules
 
 DOWN = Direction.RESPONSE
 
@@ -169,6 +170,21 @@ def test_what_is_held_goes_out_when_it_is_due() -> None:
         )
         assert first - came > 25e6
         assert second - came > 50e6
+
+
+def test_what_is_due_does_not_wait_for_the_next_poll(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relay_module, "POLL_INTERVAL", 10 * PATIENCE)
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=rules("delay=10ms")) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"later")
+        try:
+            assert server.recv(100) == b"later"
+        finally:
+            proxy.relay.stop()
+            client.send(b"wakes the relay, which then ends")
 
 
 def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:

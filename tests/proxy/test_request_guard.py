@@ -186,6 +186,14 @@ def test_what_is_damaged_hides_nothing(guard: RequestGuard, raw: bytes) -> None:
     assert refused or dropped or not raw or guard is NO_POINTS
 
 
+@pytest.mark.parametrize(("end", "passes"), [(b"\x00", True), (b"\x04", False)])
+def test_a_frame_that_begins_in_the_length_field_is_found(end: bytes, passes: bool) -> None:
+    # The length 4097 has the bytes 01 10 00 00: SOH, and the beginning of the length 16.
+    raw = struct.pack("<BIHHIH", 1, 4097, 0x200, 0, NAMES["Robot_Halt"], 0)
+    raw += b"\x00" + end + bytes(4097 - 18) + b"\x04"
+    assert READ_ONLY.filter_frames(raw)[0] == (raw if passes else b"")
+
+
 def test_a_command_by_lengths_is_no_way_around_a_halt_or_a_change_of_mode() -> None:
     zero = reading_by_values("slvChangeMode", "slvMove").replace(
         encode_frame(5, 0, 1, (MODE,))[15:-1], encode_frame(5, 0, 1, (ZERO,))[15:-1]

@@ -125,6 +125,27 @@ def test_a_client_that_is_met_late_has_its_hole_behind_that() -> None:
     ]
 
 
+def test_a_client_that_came_and_went_unseen_leaves_nothing() -> None:
+    writer, reader = ends(1 << 10)
+    while writer.write_record(True, 1, 2, 3, b""):
+        pass
+    for client in (7, 8):
+        writer.streams.add(client)
+        writer.write_required(RingRecordKind.CLIENT_OPENED, client, b"who", 5)
+        writer.write_record(True, client, 20, 21, bytes(200))
+    writer.write_required(RingRecordKind.CLIENT_CLOSED, 7, b"", 30)
+    found = everything(reader)
+    for client in (7, 8):
+        writer.write_record(True, client, 30, 31, b"x")
+    found += everything(reader)
+    assert [each.kind for each in found if each.client == 7] == [RingRecordKind.DATA]
+    assert [each.kind for each in found if each.client == 8] == [
+        RingRecordKind.CLIENT_OPENED,
+        RingRecordKind.HOLE,
+        RingRecordKind.DATA,
+    ]
+
+
 def test_a_hole_in_a_stream_stands_before_its_end() -> None:
     writer, reader = ends(1 << 10)
     writer.streams.add(7)

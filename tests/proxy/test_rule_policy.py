@@ -303,6 +303,15 @@ def test_a_refused_request_is_answered_under_each_serial_of_its_tries() -> None:
     assert list(map(str, made.report())) == ["guard: refused 3 times"]
 
 
+@pytest.mark.parametrize("reserved", [0, 4])
+def test_a_refusal_has_the_reserved_field_that_the_controller_would_send(reserved: int) -> None:
+    made = rules(guard=RequestGuard(read_only=True))
+    made.receive(1, UP, request(5, "CurJnt", reserved=4), 0)
+    made.receive(1, DOWN, reply(5, reserved=reserved), 0)
+    decision = made.receive(1, UP, request(6, reserved=4), 0)
+    assert Frame(sent(decision.actions, DOWN)).reserved == reserved
+
+
 def test_what_is_allowed_passes_beside_what_is_refused() -> None:
     made = rules(guard=RequestGuard(read_only=True))
     decision = made.receive(1, UP, request(5) + HALT, 0)

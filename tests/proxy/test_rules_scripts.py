@@ -397,6 +397,14 @@ def test_the_end_of_its_process_switches_a_script_off() -> None:
     assert "scripts: switched off, its process ended during request" in str(made.report()[-1])
 
 
+def test_the_hook_in_which_a_process_ended_is_named() -> None:
+    here = Here(Meddler())
+    made = rules(scripts=here)
+    made.receive(1, DOWN, reply(8), 0)
+    made.on_script_data(b"", MS)
+    assert english(here.queue.off_because) == "its process ended during reply"
+
+
 @pytest.mark.parametrize(
     "data", [b"\xff" * 8, b"\x01\0\0\0\xc1", pack(FinishScripts()), pack(ScriptAnswer()) * 2]
 )

@@ -38,6 +38,12 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
         assert dropped_datagrams(server) > 50
 
 
+def test_a_closed_socket_has_dropped_nothing() -> None:
+    with datagrams() as sock:
+        pass
+    assert dropped_datagrams(sock) == 0
+
+
 @pytest.mark.parametrize(
     ("error", "words"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import select
 import socket
 import struct
@@ -18,7 +19,7 @@ from bcapscope.messages.message_codec import encode_message
 from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.rule_policy import RulePolicy
-from bcapscope.proxy.tcp_session import ANSWERED_IDLE_NS, REPLY_TIMEOUT_NS, STUCK_AFTER_NS, TcpSession
+from bcapscope.proxy.tcp_session import REPLY_TIMEOUT_NS, STUCK_AFTER_NS, TcpSession
 from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 from tests.proxy.test_rule_policy import rules
@@ -218,6 +219,15 @@ def test_an_unreachable_controller_is_told_and_the_client_is_cut_off() -> None:
         assert f"no connection to 127.0.0.1:{port} over TCP: connection refused" in proxy.notices()
 
 
+def test_a_controller_to_which_no_connection_can_begin_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket.socket, "connect_ex", lambda sock, address: errno.ENETUNREACH)
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        with pytest.raises(ConnectionResetError), socket.create_connection(proxy.address, PATIENCE) as client:
+            client.recv(1)
+        eventually(proxy.notices)
+        assert os.strerror(errno.ENETUNREACH).lower() in proxy.notices()
+
+
 def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there_are(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -259,8 +269,8 @@ def test_who_ended_its_side_may_wait_for_a_reply_as_long_as_a_call_takes() -> No
         wait_for(session._down.source, select.POLLIN)
         session._on_controller_ready(READ)
         assert receive(client, 9) == b"the reply"
-        assert session.evictable_idle_ns(proxy.relay.now + ANSWERED_IDLE_NS) is None
-        assert session.evictable_idle_ns(proxy.relay.now + ANSWERED_IDLE_NS + 1) == ANSWERED_IDLE_NS + 1
+        assert session.evictable_idle_ns(proxy.relay.now + 1_000_000_000) is None
+        assert session.evictable_idle_ns(proxy.relay.now + 1_000_000_001) == 1_000_000_001
         session.sweep(proxy.relay.now + REPLY_TIMEOUT_NS)
         assert proxy.relay.sessions
         session.sweep(proxy.relay.now + REPLY_TIMEOUT_NS + 1)

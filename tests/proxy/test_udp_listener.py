@@ -8,6 +8,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
 
 import pytest
 
@@ -17,8 +18,10 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy import udp_listener
 from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
+from bcapscope.proxy.listener_spec import parse_listener_specs
+from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import listen_on, local_address_for
 from bcapscope.traffic.observation import Endpoint, Transport
 from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
@@ -185,6 +188,61 @@ def test_strangers_are_told_once_and_dropped() -> None:
 
 
 @contextmanager
+def idle_listener(*allow: str) -> Iterator[tuple[Relay, udp_listener.UdpListener, RingReader]]:
+    """Listen with a relay that does not run, so that a test can choose the address of a client."""
+    memory = memoryview(bytearray(RING_OVERHEAD + (1 << 16)))
+    relay = Relay(RingWriter(memory))
+    (spec,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:9"], "udp", allow)
+    _, (listener,) = open_listeners(relay, spec, udp_listener.EXPIRE_AFTER_NS)
+    relay.listen([listener])
+    assert isinstance(listener, udp_listener.UdpListener)
+    try:
+        yield relay, listener, RingReader(memory)
+    finally:
+        relay.close()
+
+
+def test_at_most_256_strangers_are_reported() -> None:
+    with idle_listener("10.0.0.0/8") as (relay, listener, reader):
+        for number in range(300):
+            assert listener.session_for((f"172.16.{number // 100}.{number % 100}", 5), b"") is None
+        records = [*reader.read_records(), *reader.read_records()]
+        assert sum(each.kind is RingRecordKind.NOTICE for each in records) == 256
+        assert relay.counts[RelayCounter.DENIED] == 300
+
+
+HALT = encode_frame(5, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+
+
+@pytest.mark.parametrize(("first", "is_admitted"), [(HALT, True), (encode_frame(5, 0, 1), False)])
+def test_only_a_stop_gets_a_spare_descriptor(
+    first: bytes, is_admitted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect = udp_listener.connect_datagrams
+    errors = [OSError(errno.EMFILE, "")]
+
+    def connect_if_free(*controller: Any) -> socket.socket:
+        if errors:
+            raise errors.pop()
+        return connect(*controller)
+
+    with idle_listener() as (_, listener, _reader):
+        monkeypatch.setattr(udp_listener, "connect_datagrams", connect_if_free)
+        assert (listener.session_for(("127.0.0.1", 5), first) is not None) is is_admitted
+
+
+def test_without_spare_descriptors_only_a_stop_gets_a_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    with idle_listener() as (relay, listener, _):
+        monkeypatch.setattr(relay.spares, "refill", lambda: False)
+        assert listener.session_for(("127.0.0.1", 5), encode_frame(5, 0, 1)) is None
+        assert not relay.slots[Transport.UDP].end_oldest_stop()
+        session = listener.session_for(("127.0.0.1", 6), HALT)
+        assert list(relay.sessions.values()) == [session]
+        assert relay.slots[Transport.UDP].end_oldest_stop()
+        assert not relay.sessions
+
+
+@contextmanager
 def crowded(server: socket.socket, proxy: Running) -> Iterator[list[socket.socket]]:
     """Take all places by clients that have spoken twice; yield them."""
     with ExitStack() as stack:
@@ -282,6 +340,15 @@ def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
         assert client.recv(100) == b"still there"
 
 
+def test_each_dropped_reply_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    with stopped_behind_a_client() as (relay, _):
+        (session,) = relay.sessions.values()
+        for dropped in (3, 3, 5):
+            monkeypatch.setattr(udp_listener, "dropped_datagrams", lambda sock, dropped=dropped: dropped)
+            session.sweep(relay.now)
+            assert relay.counts[RelayCounter.LOST] == dropped
+
+
 def test_full_buffers_of_the_system_are_counted() -> None:
     with datagrams() as server:
         memoryless = running(port_of(server), "udp")
@@ -317,6 +384,10 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
         )  # the second is still at work, and never done
         asked = [server.recv(100)[5] for _ in range(3)]
         assert asked == [1, 2, 2]
+        proxy.look()
+        proxy.relay.close()
+        assert [data[5] for data in proxy.passed(True)[1:]] == asked
+        assert [each.client for each in proxy.of(RingRecordKind.CLIENT_CLOSED)] == [session.number]
 
 
 def test_who_leaves_without_time_asks_nothing() -> None:

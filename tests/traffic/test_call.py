@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention
@@ -52,6 +55,42 @@ def test_calls_without_trouble() -> None:
     assert second.hresult == 0x83500121
     assert first.late_replies == first.lost_replies == first.notices == first.duplicates == ()
     assert repr(first) == "Call(1, 1, None: request 1, reply 2)"
+
+
+@pytest.mark.parametrize(
+    ("replies", "received"),
+    [
+        pytest.param([(9.0, 1, 0)], True, id="answered"),
+        pytest.param([(9.0, 1, S_EXECUTING)], True, id="noticed"),
+        pytest.param([(9.0, 1, 0), (9.5, 2, 0)], True, id="late"),
+        pytest.param([], False, id="unanswered"),
+    ],
+)
+def test_a_reply_shows_that_the_controller_received_the_call(
+    replies: list[tuple[float, int, int]], received: bool
+) -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, MOVE)
+    client.ask(8, 2, 1, MOVE)
+    for time, serial, code in replies:
+        client.reply(time, serial, 0, code)
+    (call,) = calls_of(script.track())
+    assert call.was_received is received
+
+
+@pytest.mark.parametrize(
+    ("captured", "unseen", "latest"),
+    [(20, (), 20), (20, (21, 22), 22), (20, (19,), 20), (65535, (1,), 1), (1, (65535,), 1)],
+)
+def test_the_latest_attempt_may_be_one_that_was_not_captured(
+    captured: int, unseen: tuple[int, ...], latest: int
+) -> None:
+    script = Script()
+    script.client().ask(0, captured, 0, MOVE)
+    (call,) = calls_of(script.track())
+    call.unseen_serials = unseen
+    assert call.latest_serial == latest
 
 
 def test_execute_questions_are_told() -> None:

@@ -94,7 +94,7 @@ def test_a_few_reactions_show_nothing() -> None:
 
 
 @pytest.mark.parametrize("reaction", [0.1, 7.5])
-@pytest.mark.parametrize(("gap", "expected"), [(0.4, UNSURE), (0.6, LOST)])
+@pytest.mark.parametrize(("gap", "expected"), [(0.4, UNSURE), (0.5, UNSURE), (0.6, LOST)])
 def test_a_capture_at_the_client_needs_no_reactions(
     reaction: float, gap: float, expected: CallVerdict
 ) -> None:

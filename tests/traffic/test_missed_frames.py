@@ -159,6 +159,16 @@ def test_several_calls_in_a_row_without_a_retry(calls: int, every: float, proven
     assert ("not_captured" in outcomes(script)) is proven
 
 
+@pytest.mark.parametrize(("calls", "proven"), [(FEWEST_CALLS, True), (FEWEST_CALLS - 1, False)])
+def test_calls_before_a_pause_do_not_count(calls: int, proven: bool) -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 1, slv_move(0.0))
+    for number in range(2, calls + 2):
+        client.ask(1000 + 8 * number, number, number, slv_move(float(number)))
+    assert ("not_captured" in outcomes(script)) is proven
+
+
 def test_retries_show_that_replies_were_missing() -> None:
     script = Script()
     client = script.client()

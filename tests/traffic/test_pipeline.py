@@ -206,6 +206,20 @@ def test_traffic_may_end_after_the_last_frame(after: int, outcome: Outcome) -> N
     assert [call.outcome for call in calls.calls] == [outcome]
 
 
+def test_later_traffic_of_another_client_shows_that_a_client_gave_up() -> None:
+    script = Script()
+    client, other = script.client(50001), script.client(50002)
+    client.ask(0, 1, 0, MOVE)
+    client.ask(8, 2, 1, MOVE)
+    other.ask(1000, 1, 0, MOVE)
+    calls = CallCollector()
+    pipeline = Pipeline(calls)
+    for seen in script.seen:
+        pipeline.add(seen)
+    pipeline.finish()
+    assert [call.outcome for call in calls.calls] == [Outcome.UNANSWERED, Outcome.CAPTURE_ENDED]
+
+
 @given(steps)
 def test_runs_change_the_order_of_nothing(played: list[Step]) -> None:
     plan = Plan()

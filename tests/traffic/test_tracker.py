@@ -15,7 +15,6 @@ from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.pairing_windows import (
     BUSY_WITHIN_NS,
-    COPIES_WITHIN_NS,
     EXECUTION_NS,
     LATE_WITHIN_NS,
 )
@@ -60,6 +59,38 @@ def test_calls_settle_by_time_alone() -> None:
     assert summaries(tracker.expire(silent.time + EXECUTION_NS)) == ["2: >3 unanswered, unanswered"]
 
 
+def test_a_call_stays_open_while_the_reply_to_the_next_call_may_have_overtaken_its_own() -> None:
+    script = Script()
+    client = script.client()
+    tracker = Tracker()
+    for ms, serial in ((0, 1), (8, 2), (16, 3), (24, 4)):
+        tracker.observe(client.ask(ms, serial, serial, MOVE if serial % 2 else OTHER))
+        if serial == 2:
+            tracker.observe(client.reply(9, 2))
+    reply = client.reply(1000, 4)
+    tracker.observe(reply)
+    before = summaries(tracker.expire(reply.time + 100 * MS - 1))
+    assert [each[:2] for each in before] == ["1:", "2:"]
+    after = summaries(tracker.expire(reply.time + 100 * MS))
+    assert [each[:2] for each in after] == ["3:"]
+
+
+def test_every_50_ms_a_frame_completes_the_calls_that_have_settled() -> None:
+    script = Script()
+    client = script.client()
+    tracker = Tracker()
+    tracker.observe(client.ask(0, 1, 1, MOVE))
+    reply = client.reply(1, 1)
+    tracker.observe(reply)
+    tracker.observe(client.ask(8, 2, 2, OTHER))
+    checked = reply.time + 100 * MS - 1
+    assert list(tracker.expire(checked)) == []
+    early, due = client.reply(150, 2), client.ask(151, 3, 3, MOVE)
+    assert list(tracker.observe(early._replace(time=checked + 50 * MS - 1))) == []
+    found = tracker.observe(due._replace(time=checked + 50 * MS))
+    assert summaries(found) == ["1: >1 <2 answered, answered"]
+
+
 def test_a_call_settles_soon_once_client_and_server_go_on() -> None:
     script = Script()
     client = script.client()
@@ -68,7 +99,8 @@ def test_a_call_settles_soon_once_client_and_server_go_on() -> None:
     reply = client.reply(1, 1)
     tracker.observe(reply)
     tracker.observe(client.ask(8, 2, 2, OTHER))
-    assert summaries(tracker.expire(reply.time + COPIES_WITHIN_NS)) == ["1: >1 <2 answered, answered"]
+    assert list(tracker.expire(reply.time + 100 * MS - 1)) == []
+    assert summaries(tracker.expire(reply.time + 100 * MS)) == ["1: >1 <2 answered, answered"]
     gone_on = client.ask(200, 3, 3, MOVE)
     tracker.observe(gone_on)
     tracker.observe(client.reply(201, 3))

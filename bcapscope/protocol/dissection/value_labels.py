@@ -62,8 +62,8 @@ def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
 
 
 def _begins_with_array(variant: Variant) -> bool:
-    first = variant.value[0] if isinstance(variant.value, tuple) and variant.value else None
-    return isinstance(first, Variant) and isinstance(first.value, tuple)
+    value = variant.value
+    return isinstance(value, tuple) and isinstance(value[0], Variant) and isinstance(value[0].value, tuple)
 
 
 _PART_LABELS = {

@@ -101,7 +101,7 @@ def is_failure(code: int) -> bool:
     is a four-digit number such as 0000600B. On RC7, any code other than S_OK is an error (DENSO Wave 2009,
     How to use the Slave mode). Four-digit numbers never report success.
     """
-    return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
+    return bool(code & 0x80000000) or 0x1000 <= code <= 0xFFFF
 
 
 def ends_slave_mode(code: int) -> bool:

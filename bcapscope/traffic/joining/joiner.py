@@ -146,9 +146,7 @@ class Joiner(LegJoiner):
 
     def close(self) -> list[Observation]:
         self._decide_all()
-        due = super().close()
-        self._update_passing()
-        return due
+        return super().close()
 
     def _add_unmerged(self, observation: Observation) -> None:
         flow = observation.flow

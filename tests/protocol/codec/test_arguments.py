@@ -161,6 +161,12 @@ def test_what_exceeds_the_budget_is_not_read(
     assert reader.is_complete == (read is NEST)
 
 
+@pytest.mark.parametrize(("elements", "is_read"), [(2047, True), (2048, False)])
+def test_an_array_of_2048_items_with_the_argument_itself_is_read(elements: int, is_read: bool) -> None:
+    reader = read(encode_argument(Variant.array(VT.VARIANT, (Variant(VT.EMPTY, None),) * elements)))
+    assert reader.is_complete is is_read
+
+
 def without_counts(variant: Variant) -> tuple[object, ...]:
     value = variant.value
     if isinstance(value, tuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterable
 
 import pytest
@@ -129,6 +130,21 @@ def test_after_a_frame_without_right_end_the_next_is_found(sample: Damaged) -> N
         assert sound(pieces) == [GOOD] * 3
         assert pieces[1].item.raw == sample.data
         assert pieces[1].item.problems
+
+
+def test_a_frame_after_garbage_is_returned_once_its_bytes_have_arrived() -> None:
+    # The garbage claims 5000 bytes and two arguments; the second argument is impossible.
+    garbage = struct.pack("<BIHHIHI6x", 1, 5000, 1, 0, 64, 2, 6)
+    splitter = StreamSplitter(synchronized=False)
+    assert splitter.feed(garbage) == []
+    assert raws(splitter.feed(bytes(4) + GOOD)) == [garbage + bytes(4), GOOD]
+
+
+def test_garbage_cut_at_every_offset_is_the_same_garbage() -> None:
+    # The length of the first argument fits the frame only without the last of its four bytes.
+    data = struct.pack("<BIHHIHI6xI6xB5x", 1, 36, 1, 0, 64, 2, 0x01000006, 6, 4) + GOOD
+    for at in range(len(data) + 1):
+        assert raws(feed([data[:at], data[at:]], in_step=False)) == [data[: -len(GOOD)], GOOD]
 
 
 GARBAGE = [

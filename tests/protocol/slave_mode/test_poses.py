@@ -58,6 +58,8 @@ def test_the_drivers_mark_is_no_axis(pose_type: PoseType) -> None:
     [
         (P, 6, None),
         (P, 7, None),
+        (J, 5, "5 numbers for a pose of type J, which has 8"),
+        (T, 9, "9 numbers for a pose of type T, which has 10"),
         (P, 5, "5 numbers for a pose of type P, which has 7"),
         (P, 8, "8 numbers for a pose of type P, which has 7"),
         (J, 6, None),

@@ -8,9 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.codec.variant import VT, vt_name
+from bcapscope.protocol.codec.variant import VT, Variant, vt_name
 from bcapscope.protocol.tables.call_effect import CallEffect
-from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of, find_command
+from bcapscope.protocol.tables.command_catalogue import (
+    CommandSpec,
+    command_name,
+    command_parameter,
+    commands_of,
+    find_command,
+)
 
 OWNERS = (17, 28, 64, 87)
 ALL = [entry for owner in OWNERS for entry in commands_of(owner)]
@@ -86,6 +92,30 @@ def test_acceptance_in_slave_mode(owner: int, name: str, accepted: bool | None) 
     found = find_command(owner, name)
     assert found is not None
     assert found.in_slave_mode is accepted
+
+
+@pytest.mark.parametrize(
+    ("function_id", "values", "name"),
+    [
+        (64, (1, "CurJnt"), "CurJnt"),
+        (64, (1, "slvmove", 0), "slvmove"),
+        (64, (1, 2, 3), None),
+        (64, (1,), None),
+        (64, (), None),
+        (70, (1, "CurJnt"), None),
+    ],
+)
+def test_the_command_is_the_second_argument_of_an_execute_call(
+    function_id: int, values: tuple[int | str, ...], name: str | None
+) -> None:
+    arguments = [Variant(VT.BSTR if isinstance(value, str) else VT.I4, value) for value in values]
+    assert command_name(function_id, arguments) == name
+
+
+@pytest.mark.parametrize(("count", "value"), [(0, None), (2, None), (3, 2), (4, 2)])
+def test_the_parameter_is_the_third_argument(count: int, value: int | None) -> None:
+    found = command_parameter([Variant(VT.I4, number) for number in range(count)])
+    assert found == (None if value is None else Variant(VT.I4, value))
 
 
 @pytest.mark.parametrize("entry", ALL, ids=lambda entry: f"{entry.function_id}-{entry.name}")

@@ -37,6 +37,11 @@ CLASS_RANGES = [
 ]
 
 
+def test_only_a_first_argument_may_be_a_handle() -> None:
+    without = {function.name for function in FUNCTIONS.values() if not function.takes_handle}
+    assert without == {"Service_Start", "Service_Stop", "Controller_Connect"}
+
+
 def test_there_are_137_functions_with_distinct_names() -> None:
     assert list(FUNCTIONS) == list(range(1, 138))
     assert len({function.name for function in FUNCTIONS.values()}) == 137

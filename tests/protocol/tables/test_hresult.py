@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.tables import hresult
 from bcapscope.protocol.tables.hresult import (
+    CODE_BY_NAME,
     describe_hresult,
     ends_slave_mode,
     hresult_name,
@@ -73,6 +74,11 @@ CONTROLLER_CODES = [
     (0x80201418, 0, "singularity"),
     (0x803022EF, 0, "84201486"),
 ]
+
+
+@pytest.mark.parametrize("symbol", JAVA_SYMBOLS)
+def test_a_symbol_stands_for_its_code(symbol: str) -> None:
+    assert CODE_BY_NAME[symbol] == JAVA_SYMBOLS[symbol]
 
 
 @pytest.mark.parametrize(("name", "code"), JAVA_SYMBOLS.items())

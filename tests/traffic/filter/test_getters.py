@@ -64,6 +64,23 @@ def calls() -> list[Call]:
     return calls_of(script().track())
 
 
+def test_a_frame_and_its_meaning() -> None:
+    frames = told()
+    request, refusal = frames[2], frames[8]
+    assert request.frame is request.observation.item
+    assert request.raw == encode_frame(2, 0, *MOVE)
+    assert (request.kind, request.problems, request.hresult) == ("request", (), None)
+    assert (request.function, request.command) == ("Robot_Execute", "slvMove")
+    assert (refusal.kind, refusal.hresult, refusal.command) == ("response", 0x83500121, "Motor")
+
+
+def test_bytes_that_are_no_frame_have_no_meaning() -> None:
+    garbage = told()[9]
+    assert (garbage.kind, garbage.frame, garbage.raw) == ("malformed", None, b"=HELLO")
+    assert garbage.problems == NO_FRAME.problems
+    assert (garbage.function, garbage.command, garbage.hresult) == (None, None, None)
+
+
 _TYPES: dict[FieldType, tuple[type, ...]] = {
     FieldType.NUMBER: (int,),
     FieldType.TEXT: (str,),

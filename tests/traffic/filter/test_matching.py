@@ -36,6 +36,8 @@ V6 = ipaddress.ip_address("fe80::1")
         ("[fe80::1]5007", None),
         ("[]", None),
         ("1" * 10_000, None),
+        (f"fe80::1%{'x' * 120}", (ipaddress.ip_address(f"fe80::1%{'x' * 120}"), None)),
+        (f"fe80::1%{'x' * 121}", None),
         (Endpoint("x\ud800", -5), None),
     ],
 )

@@ -51,6 +51,24 @@ def test_means_exactly_that_value(name: str, literal: str, value: object) -> Non
 
 
 @pytest.mark.parametrize(
+    ("name", "literal", "position"),
+    [("latency", "1min", 12), ("latency", "15min", 13), ("latency", "5", 11)],
+)
+def test_the_error_of_a_duration_is_at_its_unit(name: str, literal: str, position: int) -> None:
+    with pytest.raises(FilterError) as caught:
+        equal_to(name, literal)
+    assert caught.value.position == position
+
+
+@pytest.mark.parametrize("name", ["latency", "serial", "hresult", "serials"])
+def test_numbers_cannot_be_searched(name: str) -> None:
+    field = FIELD_BY_NAME[name]
+    subject = ComparedField(f"{name} ~ 'text'", field, name, field.type, 0)
+    with pytest.raises(FilterError, match="text"):
+        operands.search(subject, tokenize(subject.expression)[2])
+
+
+@pytest.mark.parametrize(
     ("name", "literal"),
     [
         ("time", "'0001-13-01'"),

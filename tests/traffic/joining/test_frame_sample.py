@@ -1,0 +1,27 @@
+"""Conversations that two captures hold."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.traffic.joining.frame_sample import FrameSample, find_shared
+from tests.traffic.playbook import MOVE, MS, Script
+
+
+def sample(times: list[int]) -> FrameSample:
+    """Return a sample of one conversation, with a request at each of these times in ns."""
+    script = Script()
+    client = script.client()
+    made = FrameSample()
+    for serial, time in enumerate(times, 1):
+        made.add(client.ask(0, serial, 0, MOVE)._replace(time=time))
+    return made
+
+
+@pytest.mark.parametrize(("deviation", "shared"), [(500 * MS, True), (500 * MS + 1, False)])
+def test_a_frame_is_the_same_only_near_the_offset_of_the_others(deviation: int, shared: bool) -> None:
+    times = [0, 8 * MS, 16 * MS, 24 * MS]
+    later = [time + 60_000 * MS for time in times]
+    later[-1] += deviation
+    found = find_shared(sample(times), sample(later))
+    assert [each.offset for each in found] == ([60_000 * MS] if shared else [])
