@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay_session import RelaySession
 
 MAX_CLIENTS = 256
-"""Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
+"""Maximum number of clients per transport. DENSO's C server has 20 (orin_bcap
+C/src/bCAPServer/bcap_server.c).
+"""
 
 MAX_PER_SOURCE = 192
 """Maximum number of clients per address. This number is high, because a whole plant may share one address

@@ -37,7 +37,8 @@ controller sees a new client. The time can be long: the socket of a silent clien
 
 EVICTABLE_AFTER_NS = 10_000_000_000
 """If all slots are taken, a new client may replace a client that has been silent for this time in ns. In
-DENSO's C server, a new client may replace a client after 10 s of silence (orin_bcap C/src/bcap_server.c).
+DENSO's C server, a new client may replace a client after 10 s of silence (orin_bcap
+C/src/bCAPServer/bcap_server.c).
 """
 
 _MAX_OLD = 10_000

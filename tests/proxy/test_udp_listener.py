@@ -22,7 +22,7 @@ from bcapscope.proxy.listener_spec import parse_listener_specs
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
-from bcapscope.proxy.sockets import listen_on, local_address_for
+from bcapscope.proxy.sockets import connect_datagrams, listen_on, local_address_for
 from bcapscope.traffic.observation import Endpoint, Transport
 from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
 from tests.proxy.test_rule_policy import rules
@@ -218,13 +218,12 @@ HALT = encode_frame(5, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
 def test_only_a_stop_gets_a_spare_descriptor(
     first: bytes, is_admitted: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    connect = udp_listener.connect_datagrams
     errors = [OSError(errno.EMFILE, "")]
 
     def connect_if_free(*controller: Any) -> socket.socket:
         if errors:
             raise errors.pop()
-        return connect(*controller)
+        return connect_datagrams(*controller)
 
     with idle_listener() as (_, listener, _reader):
         monkeypatch.setattr(udp_listener, "connect_datagrams", connect_if_free)
