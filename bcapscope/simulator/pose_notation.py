@@ -3,8 +3,8 @@
 Examples of text are `@E J(0, 0, 90, 0)` and `@P P1`. An array of VARIANTs contains the coordinates, the pose
 type, the pass motion and the extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2).
 Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's
-samples send the variable's number as VT_I4, although their README says VT_R4. ShoheiKobata's samples also
-write the pass motion before the pose type.
+samples send the variable's number as VT_I4, although their README says VT_R4. In some of these samples, the
+pass motion, such as "@0", comes before the pose type.
 """
 
 from __future__ import annotations

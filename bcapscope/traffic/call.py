@@ -346,7 +346,7 @@ class Call:
         return next(tries, self.request)
 
     def surely_has(self, serial: int) -> bool:
-        """Return whether the attempt with a serial surely belongs to this call."""
+        """Return whether the attempt that has this serial surely belongs to this call."""
         return self.sure_until is None or (serial - self.sure_until) & 0xFFFF not in range(1, 0x8000)
 
     @property
