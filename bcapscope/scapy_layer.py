@@ -101,8 +101,8 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
 
     def i2repr_one(self, pkt: Packet | None, x: Any) -> str:
-        """Return the name of a function or result code as text. The text is "None" if the frame has no such
-        field.
+        """Return the name of a function or result code as text. For the function of a reply and
+        for the result code of a request, the text is "None".
         """
         if isinstance(pkt, BCAP) and pkt.is_response is not (self.name == "hresult"):
             return "None"
@@ -234,9 +234,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         complete.
 
         Bytes outside any frame become raw layers. For scapy's `TCPSession`, the returned packet holds all
-        complete frames, because scapy 2.8 has a bug: `TCPSession` loses track of the stream if an unfinished
-        frame follows two frames. For a scapy socket, the returned packet holds only one frame, so that
-        scapy's `sr1` can identify a reply.
+        complete frames. With one frame per packet, `TCPSession` of scapy 2.8 would lose track of a stream in
+        which an unfinished frame follows two frames. For a scapy socket, the returned packet holds only one
+        frame, so that scapy's `sr1` can identify a reply.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -387,8 +387,8 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
 
 def _function_of(packet: Packet | None) -> Function | None:
-    """Return the function of a request; None for other packets, for an unknown function and for several
-    functions.
+    """Return the function of a request. Return None for a reply, for a packet without b-CAP, for an unknown
+    function number, and for a list of function numbers.
     """
     function_id = packet.function_id if isinstance(packet, BCAP) else None
     return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
@@ -410,8 +410,8 @@ def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) 
 
 
 def _whole_frame_size(data: bytes) -> int:
-    """Return the size of the complete frame at the start of a stream. Return 0 if the caller needs
-    `StreamSplitter` to find a frame.
+    """Return the size of the complete frame at the start of a stream. If the stream does not begin with a
+    complete frame of at most `LARGEST_UNCONFIRMED` bytes, return 0.
     """
     length = int.from_bytes(data[1:5], "little")
     is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)

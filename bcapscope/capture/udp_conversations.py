@@ -19,7 +19,7 @@ from bcapscope.traffic.observation import SERVER_PORT, Flow, Transport
 
 FLOWS_LIMIT = 65536
 """At most this many flows are remembered. A controller accepts at most twenty clients (orin_bcap
-C/src/bcap_server.c).
+C/src/bCAPServer/bcap_server.c).
 
 If the flow of a client was dropped and the client returns, its traffic becomes a new conversation."""
 

@@ -108,10 +108,11 @@ def command(
 ) -> None:
     """Call functions of a controller, such as `Robot_Execute slvGetMode`.
 
-    `call` opens what a function needs and releases it afterwards: service, controller, and the object whose
-    handle the function takes. Do not type the handle: `call` adds it to the arguments. Arguments get the
-    types that the function, command or variable expects. To send another type, write the type before the
-    value, as in i2:2 or r4[]:10,20,30. Missing arguments are empty. `call` ends at the first failure.
+    `call` opens the service, the controller and the object that a function needs. At the end, `call` releases
+    everything that it opened. Do not type a handle: `call` adds the object's handle to the arguments. `call`
+    sends each argument with the type that the function, command or variable expects. To send another type,
+    write the type before the value, as in i2:2 or r4[]:10,20,30. Missing arguments are empty. `call` ends at
+    the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
     a robot or switch it off do not need --arm. The action log records armed calls.
@@ -232,8 +233,8 @@ class _CallRunner:
 class PlannedCall:
     """A call to make. `values` are the arguments of the call without the handle.
 
-    If `opens_object` is True, the call needs a handle. The method `arguments` opens an object if the client
-    has no suitable handle yet.
+    If `opens_object` is True, the method `arguments` puts the handle of an object before `values`. If the
+    client has no such handle yet, the method `arguments` opens an object.
     """
 
     function: Function

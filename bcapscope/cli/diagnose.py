@@ -90,9 +90,9 @@ def command(
     With -i, or on a pipe (-), each new finding is printed to stderr immediately. The full report is printed
     when the traffic ends. With --json, new findings go to stdout, with "final": false.
 
-    --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
-    rules still read all calls, because most rules depend on earlier or missing calls. --rule and --severity
-    then select among the findings that remain.
+    --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. Even
+    with --filter, the rules check all calls, because most rules depend on more than one call. With --rule
+    or --severity, `diagnose` omits findings of all other rules or severities.
 
     Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding has
     the severity of --fail-on or is worse; other codes as for `decode`.

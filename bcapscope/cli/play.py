@@ -127,8 +127,8 @@ def _parse_mode(value: str) -> SlaveModePacing | int:
     "--log",
     metavar="FILE.csv",
     type=_NEW_FILE,
-    help="Save the controller's own log of the motion. `play` clears the log before the motion. After the "
-    "motion, `play` reads the log over TCP.",
+    help="Save the controller's own log of the motion. Before the motion, `play` clears the controller's "
+    "log. After the motion, `play` reads the controller's log over TCP.",
 )
 @click.option("--record", metavar="FILE.pcapng", type=_NEW_FILE, help="Record the traffic to a new capture.")
 @click.option("--no-realtime", is_flag=True, help="Run without real-time priority.")
@@ -187,8 +187,8 @@ def command(
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Check the set points against the limits of --limit, and exit if any fail. No other limits are known
-    yet.
+    """Check the set points against the limits of --limit, and exit if any set point fails. Before
+    `play` connects to the controller, only the limits of --limit are known.
     """
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1

@@ -133,18 +133,17 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers, and watch, record or disturb this traffic.
 
-    Without rules, the proxy forwards bytes immediately and unchanged. A separate process records and shows
+    By default, the proxy forwards bytes immediately and unchanged. A separate process records and shows
     the traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends the proxy
     immediately. In a shell script, end a background proxy with SIGTERM, as in kill $!. The background jobs of
     a shell script ignore Ctrl-C (SIGINT).
 
-    Rules change or refuse traffic. The proxy applies its rules to each message in this order: scripts
-    (--script), held messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block,
-    --allow-command). With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope
-    proxy ctl ADDRESS`. When the proxy ends, it sends all held replies and drops all held requests except
-    stops.
+    Each message goes through four parts of the proxy in this order: scripts (--script), held messages
+    (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command). With
+    `--control ADDRESS`, you can change the rules of a running proxy: `bcapscope proxy ctl ADDRESS`. When
+    the proxy ends, it sends all held replies and drops all held requests except stops.
 
     All scripts run in one separate process. Messages that a script can change wait for the script; stops
     never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process

@@ -151,9 +151,9 @@ def command(
     simulator. The action log records the calls that energise or move a robot. `replay` enters slave mode only
     if the robot is at the first set point; --anywhere skips this check.
 
-    As server, `replay` answers a client's request from the next recorded call with the same function, command
-    and arguments. Ctrl-C ends the server. In a shell script, end a background `replay` with SIGTERM, as in
-    kill $!. The background jobs of a shell script ignore Ctrl-C (SIGINT).
+    As server, `replay` sends recorded replies to clients. Each reply comes from the next recorded call that
+    has the request's function, command and arguments. Ctrl-C ends the server. In a shell script, end a
+    background `replay` with SIGTERM (kill $!), because background jobs of a shell script ignore Ctrl-C.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
@@ -249,8 +249,8 @@ class _PreflightCheck:
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
         """Check each series of set points. If a series of set points fails the pre-flight check, print the
-        results of every failed series and exit. If all series pass, print results only if `shown` is True
-        and the user did not choose --quiet.
+        results of every failed series and exit. If all series of set points pass, `shown` says whether to
+        print the results. With --quiet, never print the results of series that pass.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

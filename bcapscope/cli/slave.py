@@ -24,10 +24,10 @@ def command(**given: Any) -> None:
     """Show each slave-mode session: its client, how it ended, its timing and its motion.
 
     The cycle time is the time from the first attempt of one set point to the first attempt of the next.
-    Jitter is the difference between a cycle time and the period, which the line "grid" shows. If the period
-    is 8 ms, a cycle time of 10 ms has a jitter of 2 ms. Latency is the time from the first attempt of a call
-    to its accepted reply. The round trip starts at the attempt that was answered, and ends at the accepted
-    reply.
+    Jitter is the difference between a cycle time and the period. The line "grid" shows the period. If the
+    period is 8 ms, a cycle time of 10 ms has a jitter of 2 ms. Latency is the time from the first attempt of
+    a call to its accepted reply. The round trip starts at the attempt that was answered, and ends at the
+    accepted reply.
 
     The controller's buffer cannot be observed. `slave` uses a model to estimate how full the buffer is, and
     lists the model's assumptions.

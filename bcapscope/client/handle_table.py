@@ -56,7 +56,7 @@ class HandleTable:
         return found if found is not None and self._is_open(found) else None
 
     def find_named(self, kind: ObjectClass, name: str, parent: ObjectHandle) -> ObjectHandle | None:
-        """Return the latest open object with this name that the client opened through `parent`, or None."""
+        """Return the newest open object with this name that the client opened through `parent`, or None."""
         found = (one for one in self._newest_first(kind) if one.label == name and one.parent == parent)
         return next(found, None)
 

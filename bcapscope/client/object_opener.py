@@ -53,7 +53,7 @@ class ObjectOpener:
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
 
     async def handle_for(self, object_class: ObjectClass) -> int:
-        """Return the handle of the latest open object of a class; if none is open, open one.
+        """Return the handle of the newest open object of a class; if none is open, open one.
 
         Raises ValueError if an object of the class can only be opened by name, and no name is known.
         """
@@ -68,7 +68,7 @@ class ObjectOpener:
         return await self._open_named(object_class)
 
     async def open_remote(self, kind: type[R]) -> R:
-        """Return the latest open object of a class; if no object of the class is open, open one."""
+        """Return the newest open object of a class; if no object of the class is open, open one."""
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
@@ -99,7 +99,7 @@ class ObjectOpener:
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest open object of the class `owner`. The variable stays open."""
+        """Read a variable of the newest open object whose class is `owner`. The variable stays open."""
         parent = self.session.handles.find(owner, await self.handle_for(owner))
         assert parent is not None  # `handle_for` has recorded the object in `handles`
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)

@@ -31,7 +31,8 @@ def first_variant(reply: Frame) -> Variant | None:
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
-    `wanted` is the id of the message that names the expected type in the error text.
+    `wanted` is a message id, such as `reply.a-handle`. The error text shows this message as the expected
+    type.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):

@@ -2,8 +2,8 @@
 
 Each method is named after the function that it calls: `Robot.get_attribute` calls Robot_GetAttribute.
 `protocol.tables.function_table` lists the types and the order of the arguments. Every method raises the
-exceptions of `Session.call`. A method also raises RemoteProtocolError if the value in the reply has a wrong
-type. Dates are in the controller's time zone.
+exceptions of `Session.call`. If the value in a reply has a wrong type, the method raises RemoteProtocolError.
+Dates are in the controller's time zone.
 """
 
 from __future__ import annotations
@@ -137,11 +137,11 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.FILE
 
     async def get_file(self, name: str, option: str = "") -> File:
-        """Open a file in this folder. This File object must be a folder."""
+        """Open a file in this folder. The File object must refer to a folder."""
         return File(self.session, await self._invoke_handle("GetFile", name, option))
 
     async def get_file_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the files in this folder. This File object must be a folder."""
+        """List the names of the files in this folder. The File object must refer to a folder."""
         return await self._invoke_names("GetFileNames", option)
 
     async def copy(self, name: str, option: str = "") -> None:

@@ -26,8 +26,8 @@ class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes of a request, beginning with the function id. All attempts have the same bytes. A hash
-            replaces these bytes if there are more than 512.
+        content: Bytes of the request from the function id to the end; equal in all attempts. A hash replaces
+            content of more than 512 bytes.
     """
 
     content: bytes
@@ -64,8 +64,8 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation. Return the attempt to which the frame belongs. If the
-        frame is a response to an unknown or old request, return None.
+        """Add the next frame of a UDP conversation. Return the attempt to which the frame belongs.
+        Return None for a reply to a request that the counter does not know.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:

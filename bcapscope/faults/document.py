@@ -18,7 +18,7 @@ import yaml
 try:
     from yaml import CSafeLoader as SafeLoader
 except ImportError:  # PyYAML was built without libyaml
-    from yaml import SafeLoader  # type: ignore[assignment]  # the same loader, in Python
+    from yaml import SafeLoader  # type: ignore[assignment]  # slower than `CSafeLoader`
 
 from bcapscope.errors import InputError
 from bcapscope.faults.fault_kinds import ALIASES, AnyFault
@@ -232,7 +232,7 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
     """Return two lists about the field at `path`: the structs that may contain the field, and the field's
-    types. If the field holds an object, the first list has the structs that fit the object.
+    types. For a field that holds an object, the list of structs has only the structs that fit the object.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)

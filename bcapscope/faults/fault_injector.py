@@ -63,12 +63,12 @@ class ActiveFault(FaultMatcher):
 
 
 class _QueuedOutput:
-    """An output in the queue of the injector.
+    """A `FaultOutput` in the queue of the `FaultInjector`.
 
     Attributes:
-        output: The output to send; None after the output has moved to another `_QueuedOutput`.
-        behind: How many more messages of the same flow must be sent before the output.
-        size: Number of bytes that the output adds to the total for `MAX_WAITING`.
+        output: The `FaultOutput`; None after the `FaultOutput` has moved to another `_QueuedOutput`.
+        behind: How many more messages of the same flow must be sent before the `FaultOutput`.
+        size: Number of bytes that the `FaultOutput` adds to the total for `MAX_WAITING`.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -126,18 +126,18 @@ class FaultInjector:
 
     def remove(self, name: str) -> None:
         """Remove a fault. Messages that the fault has already delayed are still sent at their planned time.
-        If there is no such fault, raise a `KeyError`.
+        If no fault has this name, raise a `KeyError`.
         """
         self.active_faults.remove(self.find(name))
         self._update_needs_pairing()
 
     def set_enabled(self, name: str, enabled: bool) -> None:
-        """Switch a fault on or off. If there is no such fault, raise a `KeyError`."""
+        """Switch a fault on or off. If no fault has this name, raise a `KeyError`."""
         self.find(name).enabled = enabled
         self._update_needs_pairing()
 
     def find(self, name: str) -> ActiveFault:
-        """Return a fault by its name. If there is no such fault, raise a `KeyError`."""
+        """Return a fault by its name. If no fault has this name, raise a `KeyError`."""
         for active in self.active_faults:
             if active.name == name:
                 return active
@@ -324,8 +324,8 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return the time in ns at which to close a connection; `when` is the planned time. A FIN must wait
-        until all held messages of the connection are sent.
+        """Return the time in ns at which to close a connection. A reset happens at the planned time `when`. A
+        FIN waits until all held messages of the connection are sent.
         """
         if closing.how is CloseMode.RESET:
             return when

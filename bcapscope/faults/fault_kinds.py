@@ -50,7 +50,7 @@ _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 
 class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
-    """Forward the message, and skip all later faults."""
+    """Forward the message, and skip all faults after this fault in the list."""
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         faulted.is_final = True
@@ -161,8 +161,7 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
     """Flip bits of the message.
 
     Attributes:
-        bits: Number of times that a random bit is flipped. The same bit may be chosen twice, and then has its
-            old value again.
+        bits: Number of times that a random bit is flipped. A bit that is flipped twice has its old value.
         offset: Offset of the byte whose bits are flipped; None for any byte.
     """
 
@@ -375,8 +374,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
     """Drop datagrams, and hold the bytes of streams until the partition ends.
 
-    The receiver gets the bytes of a stream late, as if TCP had sent the bytes again. Without the field
-    `lasts`, the partition never ends, so the fault also drops the bytes of streams.
+    The receiver gets the bytes of a stream late, as if TCP had sent the bytes again. A partition without
+    the field `lasts` never ends, so the fault drops the bytes of streams instead of holding them.
     """
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
@@ -424,8 +423,8 @@ ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
 )
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Alternative names of actions, as in tc-netem(8). In the notation of a fault, an alternative name of an
-action requires a value, as in ``loss=5%``.
+"""Other names of actions, from tc-netem(8): `loss` means `drop`. In the notation of a fault, the name
+`loss` requires a value, as in ``loss=5%``.
 """
 
 

@@ -26,7 +26,8 @@ LARGEST_END = 1e19
 """Largest absolute value that an end of a range can have. No integer type of b-CAP holds a larger number."""
 
 MAX_INDEXES = 8
-"""Maximum number of indexes after an argument. Controllers nest arrays only two levels deep."""
+"""Maximum number of indexes after ``arg``; ``arg[2][0]`` has two indexes. Controllers nest arrays only two
+levels deep."""
 
 # The limit is in bits. Python refuses to convert an integer of more than about 14,000 bits to text.
 _LONGEST_SHOWN = 150

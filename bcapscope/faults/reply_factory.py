@@ -27,9 +27,9 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 class ReplyFactory:
     """Makes replies with the reserved field that the controller would send.
 
-    In a reply, some controllers repeat the reserved field of the request, and other controllers send 0. If
-    the reserved field of a request is not 0, the reply shows the controller's behaviour. While the
-    controller's behaviour is unknown, the factory uses 0, like DENSO's server
+    In a reply, some controllers repeat the reserved field of the request, and other controllers send 0. A
+    reply to a request with a nonzero reserved field shows whether the controller repeats this field. While
+    the controller's behaviour is unknown, `make_reply` sets the reserved field to 0, like DENSO's server
     (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 

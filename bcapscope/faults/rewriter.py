@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of messages that a `Rewriter` keeps. For the field `step` of a `RewriteFault`, the rewriter
-keeps the last message of each series of similar messages (see `_series_key`). Beyond the limit, the rewriter
-drops the oldest message that it keeps. In a normal session, a rewriter keeps a few dozen messages.
+"""Maximum number of messages that a `Rewriter` keeps; a normal session needs a few dozen. The field `step` of
+a `RewriteFault` limits the change from the last similar message, so a `Rewriter` keeps this message. Similar
+messages have the same conversation, direction, code and command. Above the limit, a `Rewriter` drops its
+oldest message.
 """
 
 MAX_BYTES = 1 << 20
@@ -47,8 +48,8 @@ class _LastMessage(NamedTuple):
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Latest forwarded value of each argument or element that `step` limits. The key 0 belongs
-            to the first path in `step`, the key 1 to the second path, and so on.
+        step_base: Latest forwarded value of each argument or element that `step` limits. The keys are the
+            positions of the arguments and elements in `step`, counted from 0.
         size: Number of bytes of the frame after decompression.
     """
 

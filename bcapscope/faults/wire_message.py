@@ -28,7 +28,7 @@ class SendBytes(msgspec.Struct, frozen=True):
     """Bytes to send now.
 
     Attributes:
-        flow: Conversation and direction of the bytes. Requests go to the controller, responses to the client.
+        flow: Conversation and direction of the bytes: requests go to the controller, replies to the client.
         data: A datagram, or the next bytes of a stream.
         fault_notes: What faults did to the bytes; empty if no fault changed them.
     """
@@ -151,7 +151,7 @@ class FaultedMessage:
     Attributes:
         delay: Sum of all delays, in ns.
         is_lost: True if the message is not forwarded.
-        is_final: True if later faults must not get the message.
+        is_final: True if the injector must not apply further faults to the message.
         copy_delays: Delay of each copy in ns, counted from the sending of the message.
         held_behind: Two values for a reordered message: how many later messages to send first, and the
             maximum wait in ns. None if the message is not reordered.
@@ -180,7 +180,7 @@ class FaultedMessage:
         return _only_frames(parse_datagram(self.data))
 
     def drop(self) -> None:
-        """Drop the message and skip later faults."""
+        """Drop the message, so that the injector applies no further faults to the message."""
         self.is_lost = self.is_final = True
 
 

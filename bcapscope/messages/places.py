@@ -268,8 +268,8 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire. `text` shortens the string, but does not escape control characters. Escape the
-    shortened string before you show it to a user.
+    """A string from the wire. The method `text` returns a shortened string, and does not escape control
+    characters. Escape the shortened string before you show it to a user.
     """
 
     type_name = "text"
@@ -334,7 +334,7 @@ def joined_clauses(clauses: Iterable[Message]) -> Message | None:
 
 
 class IndentedLines(_Several, Place):
-    """Several texts that are shown below the sentence, each on its own line."""
+    """Texts that a message shows below its sentence, each text on its own line."""
 
     type_name = "lines"
 

@@ -91,11 +91,10 @@ def limits_for_arm(type_name: str) -> ArmLimits:
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
-    """Return the limits with the changes that the user's texts describe. Raises InputError if a text is
-    invalid.
+    """Return a copy of `limits` with the new values from `texts`. Raises InputError if a text is invalid.
 
-    Each text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
-    seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
+    Each text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`. Distances are in mm,
+    angles in degrees and times in seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
     """
     axes = dict(limits.axes)
     for typed in texts:
@@ -154,15 +153,15 @@ class TrajectoryMotion:
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration from three successive set points, in units per second squared. Controllers compute the
-        acceleration in the same way.
+        """Acceleration from three successive set points, in units per second squared. Controllers also
+        compute acceleration from three successive set points.
         """
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield one `TrajectoryMotion` for the axes in `points`. For P or T poses with known `limits.to_joints`,
-    also yield a `TrajectoryMotion` for the joints.
+    """Yield one `TrajectoryMotion` with all axes in `points` that have a unit. For poses of type P or T,
+    yield a second `TrajectoryMotion` for the joints if `limits.to_joints` is known.
     """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]

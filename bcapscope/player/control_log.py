@@ -36,8 +36,8 @@ _REST = (
 LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) + tuple(
     f"[{title}]" for title in _REST
 )
-"""Titles of the 39 columns: set point, encoder, motor current and load of each axis, then values of the
-program.
+"""Titles of the 39 columns. The first 32 columns hold set point, encoder, motor current and load of each
+axis. The last seven columns hold user data, the program line, the counter, and the tool and work numbers.
 """
 
 

@@ -36,7 +36,9 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` exact values. For each later value, record only the bin."""
+        """Allocate memory for the first `capacity` values. The object counts each further value only in a
+        bin.
+        """
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -87,8 +89,8 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Return the index of the bin for a value. Each value below 16 has its own bin. For larger values,
-    every range from one power of two to the next has 16 bins.
+    """Return the index of the bin for a value. Each value below 16 has its own bin. Values of 16 or more
+    share bins: 16 bins from each power of two to the next.
     """
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)

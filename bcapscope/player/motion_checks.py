@@ -107,7 +107,7 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
             fact = Message(id, axis=axis.name, speed=speed)
             yield PreflightProblem("rest", Severity.WARNING, fact, RESAMPLE_ADVICE, (number,), 1)
             if context.loop:
-                return  # in a loop, the robot moves from round to round without rest
+                return  # a repeated trajectory continues without rest between two rounds
 
 
 def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -251,8 +251,8 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return whether each of the `count` set points violates a limit. In a loop, the rows of `where` after
-    the first `count` rows describe the first set points of the next round.
+    """Return whether each of the `count` set points violates a limit. The first `count` rows of `where`
+    describe one round. In a loop, further rows of `where` describe the start of the next round.
     """
     at = where[:count].copy()
     rest = where[count : 2 * count]

@@ -4,18 +4,18 @@ The slave mode decides whether the player or the controller sets the pace (DENSO
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
 * **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply is still
-  missing shortly before the next deadline, the pacer gives the call up. It then sends the next set point. In
-  Async and mode 1, the pacer never retries a set point, because the controller follows only the newest set
-  point. A reply does not wake the player: the pacer reads replies only shortly before the next deadline. The
-  operating system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply shows that
-  the controller is alive. If a late reply refuses a set point, the pacer raises ControllerError. If the time
+  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. In Async
+  and mode 1, the pacer never retries a set point, because the controller follows only the newest set point. A
+  reply does not wake the player: the pacer reads replies only shortly before the next deadline. The operating
+  system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply shows that the
+  controller is alive. If a late reply refuses a set point, the pacer raises ControllerError. If the time
   since the newest answered set point exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply
   arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
   point is due at a fixed time after the reply: 0.3 ms (`_PREPARATION`). If no reply arrives, the requester
-  retries after each `RetryPolicy.timeout`. It discards replies to earlier attempts. After the last attempt,
-  the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no set point
-  yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+  retries after each `RetryPolicy.timeout`. The requester discards replies to earlier attempts. After the last
+  attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
+  set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
 * **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
   pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
   means that the buffer had no room, so the pacer sends the same set point again.
@@ -52,7 +52,7 @@ from bcapscope.protocol.tables.hresult import (
 SILENCE_TIMEOUT = 100_000_000
 """If no reply arrives for this time in ns (about twelve periods), the pacer stops sending set points until a
 reply arrives. Over UDP, the pacer also gives the controller up after `SILENCE_TIMEOUT`. Over TCP, the pacer
-waits for the timeout of a call, because TCP may need more than 100 ms to retransmit.
+gives the controller up only after a call's timeout, because TCP may need more than 100 ms to retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
@@ -69,9 +69,9 @@ MIN_PERIOD_SHARE = 0.98
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
-"""The pacer reserves this time before a deadline to make the next packet. The reserved time is a share of the
-period, with a minimum and a maximum in ns. After a sleep, code first runs ten times slower, because other
-programs have filled the processor's caches.
+"""Preparation time: the pacer needs this time before a deadline to make the next packet. The preparation time
+is a share of the period, with a minimum and a maximum in ns. After a sleep, code first runs ten times slower,
+because other programs have filled the processor's caches.
 """
 
 _MOTION_ERRORS = 0x8420

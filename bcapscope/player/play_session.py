@@ -380,7 +380,7 @@ class PlaySession:
         return answer == YES
 
     def _pause(self, length: int) -> None:
-        """Wait for `length` ns; raise PlayAbortedError if an order arrives."""
+        """Wait for `length` ns. Raise PlayAbortedError if the player is ordered to stop or halt."""
         until = self._channel.now() + length
         while True:
             self._check_order()

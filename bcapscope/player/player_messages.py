@@ -96,7 +96,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
         aftermath: Cleanup tasks of a crashed player. With `aftermath`, the player only cleans up.
-        first_serial: First serial that the player uses. No crashed player can have used this serial.
+        first_serial: First serial that the player uses. A player that cleans up after a crash begins at a
+            serial that the crashed player did not use.
     """
 
     target: ControllerTarget

@@ -42,7 +42,7 @@ class PlayerPipe:
     """Receives orders and sends messages through two pipes.
 
     `order` is the most serious order so far. An order to halt is more serious than an order to stop. `reason`
-    says why the order was given. `order` and `reason` are None before the first order.
+    says why the order was given. `order` and `reason` are None until the player is ordered to stop or halt.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
@@ -75,8 +75,8 @@ class PlayerPipe:
     def install_signal_handlers(self) -> None:
         """Treat signals as orders.
 
-        The first SIGINT, SIGTERM or SIGHUP orders the player to stop. After any earlier order, SIGINT,
-        SIGTERM or SIGHUP orders the player to halt. SIGUSR1 always orders the player to halt. If the parent
+        SIGINT, SIGTERM and SIGHUP order the player to stop. If the player was already ordered to stop or
+        halt, SIGINT, SIGTERM and SIGHUP order a halt. SIGUSR1 always orders the player to halt. If the parent
         blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier takes effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

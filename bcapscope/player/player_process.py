@@ -42,9 +42,9 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Maximum time in seconds between two messages of a player that must end. After a longer silence, the parent
-kills the player. A working player sends messages more often than every 20 s, even if the controller is
-silent.
+"""Longest silence in seconds that the parent accepts from a player after ordering the player to stop. After a
+longer silence, the parent kills the player. A working player sends messages more often than every 20 s, even
+if the controller is silent.
 """
 
 _SERIAL_MARGIN = 5000
@@ -86,7 +86,7 @@ class PlayerProcess:
                 # The pipe has no buffer, because a signal handler may interrupt `_send` and write to the
                 # pipe.
                 bufsize=0,
-                start_new_session=True,  # so that Ctrl-C reaches only the parent, which then stops the player
+                start_new_session=True,  # Ctrl-C reaches only the parent, which then stops the player
             )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -165,7 +165,7 @@ class PlayerProcess:
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:
-        """If the player still works, stop it. Wait until the player has ended, and return its last
+        """Order a running player to stop. Wait until the player has ended, and return the player's last
         message.
         """
         self.stop()
@@ -255,7 +255,9 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
 
 
 class ArmedMessageLogger:
-    """Logs a player's armed calls to a real controller; ignores calls to bcapscope's simulator."""
+    """Logs the armed calls that a player sends to a real controller. The logger ignores calls to bcapscope's
+    simulator.
+    """
 
     def __init__(self, logger: ArmedCallLogger) -> None:
         """Write to `logger`."""

@@ -63,8 +63,9 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
     """Run a `with` block with the highest priority that the system grants.
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
-    `is_wanted` is true. Inside the block, the garbage collector ignores older objects, because examining them
-    costs milliseconds. If `collect_garbage` is false, the garbage collector is off inside the block.
+    `is_wanted` is true. Inside the block, the garbage collector ignores objects from before the block,
+    because examining these objects costs milliseconds. If `collect_garbage` is false, the garbage collector
+    is off inside the block.
     """
     gc.collect()
     gc.freeze()

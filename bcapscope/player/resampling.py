@@ -1,5 +1,5 @@
-"""Change when a robot passes the points of a path. The new timing can change the period or the speed, let the
-path begin and end at rest, or stop the robot at any point.
+"""Change the timing of a robot's motion along a path. The new timing can change the period or the speed, let
+the path begin and end at rest, or stop the robot at any point.
 
 The path is a `SmoothCurve` through the set points. The path stays the same; only the speed along the path
 changes. The speed grows from 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve.
@@ -25,9 +25,9 @@ from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError,
 DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
-_SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # minimum and maximum seconds to come to rest
-_STOP_GROWTH = 1.5  # `stop_after` multiplies the time to come to rest by this factor
-_DEFAULT_STOP = 0.5  # minimum seconds to come to rest, if an acceleration limit is unknown
+_SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # minimum and maximum braking time in seconds
+_STOP_GROWTH = 1.5  # `stop_after` multiplies a braking time that is too short by this factor
+_DEFAULT_STOP = 0.5  # minimum braking time in seconds if an acceleration limit is unknown
 _ROUNDING = 1e-9  # tolerance for rounding errors in a computed number of cycles
 
 
@@ -90,11 +90,11 @@ def stop_after(
     """Return the set points that follow set point `row` and bring the robot to rest on the trajectory's path.
     Each set point is one row.
 
-    The robot comes to rest in 0.1 s to 2 s. The function lengthens the braking time until the set points keep
-    within `limits`. If the trajectory exceeds a limit near `row` by a factor, the returned set points may
-    also exceed a limit by this factor. If an acceleration limit is unknown, the robot comes to rest in at
-    least 0.5 s. If the remaining path is too short to come to rest, return the remaining points of the
-    trajectory. `period` is in seconds. With `loop`, the first point follows the last point.
+    The braking time is between 0.1 s and 2 s. The function lengthens the braking time until the set points
+    keep within `limits`. If the trajectory near `row` already exceeds a limit, the returned set points may
+    exceed a limit by the same factor. The braking time is at least 0.5 s if an acceleration limit is unknown.
+    If the remaining path is too short to come to rest, return the remaining points of the trajectory.
+    `period` is in seconds. With `loop`, the first point follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -148,8 +148,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 def _ramp_integral(part: Array) -> Array:
     """Return the distance that the robot has covered since the ramp began. `part` (0 to 1) is the elapsed
-    share of the ramp. At full speed, the robot covers a distance of 1 in a ramp's duration. A whole ramp
-    covers a distance of 0.5.
+    share of the ramp. The unit is the distance that a robot at full speed covers in the ramp's duration. A
+    whole ramp therefore covers 0.5 units.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -157,8 +157,8 @@ class RobotAdapter:
         """Switch the motor on or off. Allow at least `retries` retries.
 
         If the machine lock is on, a controller refuses to switch the motor on or off. DENSO's slides
-        recommend the machine lock for experiments. The method ignores a refusal that the machine lock causes,
-        because the machine lock prevents motion.
+        recommend the machine lock for experiments. If the machine lock causes a refusal, the method raises no
+        error, because the machine lock prevents motion anyway.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -181,8 +181,8 @@ class RobotAdapter:
 
         The option NEXT makes the controller answer the call at once, so that the player can halt the robot on
         its way. If the robot stops before the goal, raise the controller's error or, if there is no error,
-        RemoteProtocolError. If the robot is at the goal with another Fig, the method returns after one
-        second.
+        RemoteProtocolError. If the robot reaches the goal with a different Fig than `goal`, the method waits
+        one second and returns.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -274,5 +274,5 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
 
 
 def _decimal(value: float) -> str:
-    """Write a number without an exponent, because no known source writes exponents in a pose."""
+    """Write a number without an exponent, because no known document or sample shows exponents in a pose."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")

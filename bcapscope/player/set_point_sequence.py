@@ -2,8 +2,9 @@
 
 The player sends the first point a few times before the robot moves, so that the controller's buffer is full
 when the motion starts. An unfilled buffer runs empty at the first points of a motion (issues 20 and 49 of
-DENSORobot/denso_robot_ros). nkawa/Denso_CobottaPro900_MQTT_Control sends the first point four times. The
-player also sends the last point several times, so that the robot has come to rest when slave mode ends.
+DENSORobot/denso_robot_ros). The client in nkawa/Denso_CobottaPro900_MQTT_Control also sends the first point
+four times. The player also sends the last point several times, so that the robot has come to rest when slave
+mode ends.
 """
 
 from __future__ import annotations

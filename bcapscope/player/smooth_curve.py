@@ -2,12 +2,12 @@
 the robot on its path.
 
 Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At each
-end, the polynomial has the position, speed and acceleration of the point at this end. At each point, speed
-and acceleration come from a parabola. This parabola goes through the point and its two neighbours. At the
-first and the last point, the acceleration is 0 and the speed is the average speed to the neighbouring point.
-The curve therefore goes through every point, and position, speed and acceleration are continuous (C2). A
-wrong point changes only the two pieces of the curve before it and the two pieces after it. For points at
-equal intervals, the speed never exceeds 1.75 times the highest average speed between two neighbouring points.
+end, the polynomial has the position, speed and acceleration of the point at this end. The speed and
+acceleration at a point are those of the parabola through this point and its two neighbours. At the first and
+the last point, the acceleration is 0 and the speed is the average speed to the neighbouring point. The curve
+therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
+changes only the two pieces of the curve before it and the two pieces after it. For points at equal intervals,
+the speed never exceeds 1.75 times the highest average speed between two neighbouring points.
 """
 
 from __future__ import annotations
@@ -108,8 +108,8 @@ def paired_rows(kind: PoseType, here: Sequence[float], there: Sequence[float] | 
 
 
 def direction_turns(kind: PoseType, rows: Array) -> Array:
-    """Return the angle in degrees by which the vectors of T type turn in each step; 0 for other pose
-    types.
+    """Return the largest angle in degrees by which a direction vector turns from each row to the next. For
+    pose types other than T, the angle is 0.
     """
     turned = np.zeros(len(rows) - 1)
     for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():

@@ -197,8 +197,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log at the gaps in its counter column. Return the parts of the log, and the median increase of
-    the counter per record.
+    """Split a log where its counter column has a gap. Return the parts between the gaps, and the median
+    increase of the counter column per record.
 
     Each part is a pair of indices: the first record of the part, and the first record after the part. If the
     counter grows too unevenly, the whole log is the only part, and the median increase is None.

@@ -236,7 +236,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
 def _build_document(events: Iterator[yaml.Event]) -> object:
     """Build one document from the parser's events, without recursion."""
     roots: list[object] = []
-    # unfinished lists and dictionaries, each with the dictionary key, if any, that still needs a value
+    # each unfinished list or dictionary, and the dictionary key that still needs a value
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]
     anchors: dict[str, object] = {}
     values = 0

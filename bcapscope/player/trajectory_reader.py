@@ -190,8 +190,8 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function skips tables without titles, because their meaning is unknown. The function skips captures in
-    the project, because WINCAPS III exports no logs as captures.
+    The function skips tables without titles, because their meaning is unknown. WINCAPS III exports no logs as
+    captures, so the function skips captures in the project.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []

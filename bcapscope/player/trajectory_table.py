@@ -149,8 +149,8 @@ def _lenient_float(cell: str) -> float:
 def _read_numbers(
     lines: Iterable[TableLine], columns: Sequence[Column], width: int, decimal_comma: bool
 ) -> tuple[Array, list[bool]]:
-    """Return the numbers of the given columns, and whether each column has numbers. An empty column gives
-    NaN.
+    """Return the numbers in the cells of the given columns, and whether each column is filled. An empty
+    column gives NaN.
 
     Raises TrajectoryError if a cell is not a number, a column is empty in some lines only, or a line does not
     have `width` cells.

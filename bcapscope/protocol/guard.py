@@ -78,10 +78,10 @@ def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
 
 
 def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str = "") -> bool:
-    """Return whether a client of bcapscope must be armed to send a request to a real controller.
+    """Return whether bcapscope needs the user's confirmation (arming) to send a request to a real controller.
 
-    Requests that may energise or move the robot need arming; requests that stop something do not. `variable`
-    is the name of the variable to which the handle refers; "" if unknown.
+    Requests that may energise or move the robot need arming. Requests that stop something need no arming.
+    `variable` is the name of the variable to which the handle refers; "" if unknown.
     """
     if always_passes(function_id, arguments):
         return False

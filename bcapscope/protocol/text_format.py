@@ -21,7 +21,7 @@ def counted(count: int, noun: str, plural: str = "") -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return the first `most` characters of a text. Append an ellipsis if the text is longer."""
+    """Cut a text after `most` characters. If characters were cut off, append an ellipsis."""
     return text if len(text) <= most else f"{text[:most]}…"
 
 

@@ -59,8 +59,8 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""A hook that takes longer than this time in ns counts as slow. A set point may take no longer than this time
-(DENSO Wave 2009, How to use the Slave mode).
+"""A hook that takes longer than this time in ns counts as slow. The controller must answer a set point within
+2 ms (DENSO Wave 2009, How to use the Slave mode).
 """
 
 
@@ -132,7 +132,7 @@ class PassingMessage:
 
 class AddonRunner(PipelineSubscriber):
     """Executes the orders of the proxy: calls the hooks of all add-ons, and collects their answers. If a hook
-    raises several errors, the runner reports only the first error. The runner still calls all hooks.
+    raises several errors, the runner reports only the first error, and continues to call the hook.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:

@@ -19,11 +19,14 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay_session import RelaySession
 
 MAX_CLIENTS = 256
-"""Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
+"""Maximum number of clients per transport. DENSO's C server has 20 (orin_bcap
+C/src/bCAPServer/bcap_server.c).
+"""
 
 MAX_PER_SOURCE = 192
 """Maximum number of clients per address. This number is high, because a whole plant may share one address
-behind NAT. The remaining 64 slots are enough for the clients of three controllers.
+behind NAT. The 64 slots that remain for other addresses are enough for the clients of three
+controllers.
 """
 
 RESERVED_SLOTS = 4
@@ -32,8 +35,8 @@ full, a client that sends a stop replaces the oldest client in a reserved slot.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients. A fresh client has sent only one datagram. This interval
-limits the cost of a flood of datagrams from new UDP ports.
+"""Time in ns after which the proxy may evict one more fresh client. A fresh client is a client that has sent
+only one datagram. This limit keeps the cost low if many datagrams arrive from new UDP ports.
 """
 
 REPLACE_BURST = 64
@@ -150,8 +153,8 @@ class ClientSlots:
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
         """Return the oldest fresh client. If `source` is not None, consider only clients whose address is in
-        the network `source`. Return None if no fresh client matches, or if the limit for evictions of fresh
-        clients is reached.
+        the network `source`. Return None if the proxy finds no fresh client, or must wait before the next
+        eviction.
         """
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:

@@ -36,8 +36,8 @@ class ControlServer:
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen at `HOST:PORT` on loopback. An `address` of any other form is the path of a Unix socket. If
-        the proxy cannot listen there, raise a `ControlError`.
+        """Listen at `HOST:PORT` on loopback, or at the path of a Unix socket. If the proxy cannot listen at
+        `address`, raise a `ControlError`.
         """
         self.api = api
         self.watcher = watcher

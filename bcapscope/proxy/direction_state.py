@@ -1,6 +1,4 @@
-"""The state of each direction of a client's traffic. This module also splits data into messages, and
-recognises the requests that are stops.
-"""
+"""Keeps the state of each direction of a client's traffic, and splits received data into messages."""
 
 from __future__ import annotations
 
@@ -34,8 +32,8 @@ class DirectionState:
         has_begun: True once the proxy has forwarded bytes of this direction.
         piece_count: Number of received datagrams; for a stream, the number of reads.
         last_piece_at: Time of the last datagram or read, in ns; 0 if there was none.
-        overtaken_by: Message number of the latest stop; 0 before the first stop. Waiting motions with a lower
-            message number must not start.
+        overtaken_by: Message number of the latest stop that cancels the client's waiting motions; 0 without
+            such a stop. A waiting motion must not start if its message number is below `overtaken_by`.
     """
 
     client: int
@@ -86,13 +84,14 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Separate the waiting stops of a leaving client from the client's other waiting requests.
+    """Split the waiting requests of a leaving client into stops to send and other requests to drop.
 
     Return the bytes to send, and the frames and other bytes to drop.
 
-    A motion is dangerous if it starts after its client has stopped waiting. A stop is never dangerous. If the
-    proxy has already sent the start of a frame, the bytes to send begin with the rest of that frame. If an
-    incomplete frame precedes a request, the controller takes the request's bytes for the rest of the frame.
+    A motion is dangerous if the motion starts after its client has stopped waiting. A stop is never
+    dangerous. If the proxy has already sent the start of a frame, the bytes to send begin with the rest of
+    that frame. If an incomplete frame precedes a request, the controller takes the request's bytes for the
+    rest of the frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])

@@ -32,7 +32,8 @@ that a robot does not wait for ever.
 """
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""All attempts of one UDP call, or all replies to these attempts. The user decides once per `_Subject`."""
+"""Identifies all attempts of one UDP call, or all replies to these attempts. One decision of the user
+(forward, edit or drop) applies to all messages with the same `_Subject`."""
 
 
 @dataclass(eq=False, slots=True)
@@ -66,12 +67,12 @@ class HeldMessage:
     abandoned_because: Message | None = None
 
     def abandonment_reason(self, now: int) -> Message | None:
-        """Return the evidence that the client no longer waits for a reply; None if the client may still wait.
+        """Return the evidence that the client no longer waits for a reply; None without evidence.
 
-        A motion is dangerous if it starts long after the client reported a failure to its user. Clients make
-        one call at a time. A client therefore no longer waits if it has sent another request, or has ended
-        its stream. Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. Over TCP
-        there are no retries, so a silent client may still wait.
+        A motion is dangerous if the motion starts long after the client reported a failure to its user. A
+        client makes one call at a time, so a client that sends a new request no longer waits for an earlier
+        reply. A client that has ended its stream waits for no reply. Over UDP, a client that has not retried
+        within `RETRY_WITHIN_NS` no longer waits. Over TCP, clients never retry, so silence is no evidence.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -81,8 +82,8 @@ class HeldMessage:
 
 
 InterceptResult: TypeAlias = tuple[Message, bytes | None]
-"""A note for the user about what the intercept did, and the bytes that the proxy forwards now. If the bytes
-are None, the intercept holds or drops the message.
+"""A note for the user about what the intercept did, and the bytes that the proxy forwards now. The bytes are
+None for a message that the intercept holds or drops.
 """
 
 
@@ -212,8 +213,8 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the `_Subject` of a message, and whether the message is a first attempt. The `_Subject` is
-        None if the user's decision applies to no other message.
+        """Return the `_Subject` of a message, and whether the message is a first attempt. Return None as the
+        `_Subject` if the user's decision about this message applies to this message alone.
         """
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)

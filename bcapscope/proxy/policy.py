@@ -11,8 +11,9 @@ from bcapscope.messages.places import joined_clauses
 from bcapscope.traffic.observation import Direction
 
 
-# Each message needs several objects: creating a struct takes 0.1 µs, creating a frozen dataclass 0.9 µs.
-# Named tuples are slower than structs (0.4 µs), and named tuples of different types can be equal.
+# The following classes are structs for speed, because each message needs several objects. Measured times to
+# create an object: struct 0.1 µs, named tuple 0.4 µs, frozen dataclass 0.9 µs. Named tuples of different
+# types can also be equal.
 class SendAction(msgspec.Struct, frozen=True):
     """Bytes to send now.
 

@@ -48,7 +48,7 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return True if at least one controller could execute the request as a call that the target names.
+        """Return True if at least one controller could interpret a request as a call of this `GuardTarget`.
 
         Args:
             command: Command of the request; None if the command is unknown. Like orin_bcap's C code, this
@@ -126,10 +126,10 @@ class RequestGuard:
         """Return the reason why the guard refuses a request; None if the request passes.
 
         Controllers interpret a damaged frame in different ways. Like orin_bcap's C, C#, Java and Python code,
-        some controllers find the end of an argument by decoding its value. Some controllers, and the older C
-        client, use the length field of an argument instead. The guard refuses a damaged frame if the guard
-        would refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
-        controller takes these bytes for a frame.
+        some controllers decode the value of an argument to find the end of the argument. Other controllers,
+        and the older C client, find the end from the length field of the argument. The guard refuses a
+        damaged frame if the guard would refuse one of the possible interpretations. Bytes inside the value of
+        an argument are data: no controller takes these bytes for a frame.
         """
         if _only_stops(request):
             return None
@@ -178,9 +178,9 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A plain frame has its number of arguments where a compressed frame has a zlib header. A controller that
-    reads a zlib header as a number of arguments gets at least 376. A compressed frame is unambiguous if the
-    frame is too short for that number of arguments.
+    A plain frame has its number of arguments where a compressed frame has a zlib header. The smallest
+    zlib header (bytes 78 01) means 376 arguments in a plain frame. A compressed frame is unambiguous if its
+    zlib header would mean too many arguments for its length.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

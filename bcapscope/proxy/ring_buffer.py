@@ -2,8 +2,8 @@
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
 the record is lost and counted. One process writes and one process reads. The processor may store the new
-write position before the record itself. A reader that sees a new write position therefore waits for its next
-poll, so that the record is complete.
+write position before the record itself. A reader leaves a new record in the ring until the next poll,
+because the record may still be incomplete.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class RelayCounter(IntEnum):
     CAME_DOWN = 2
     LEFT_DOWN = 3
     BYTES_UP = 4
-    """Bytes of streams sent to controllers."""
+    """Number of bytes that the relay sent to controllers over TCP."""
     BYTES_DOWN = 5
     FULL = 6
     """Datagrams that the operating system refused to send."""
@@ -189,7 +189,7 @@ client's number, the ancillary data, the time of sending in ns (0 if not sent), 
 
 
 class RingWriter(_Ring):
-    """The relay's end of the ring.
+    """Writes the relay's records to the ring.
 
     Attributes:
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
@@ -293,9 +293,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the `HOLE` records of a client. `size` is the number of data and note bytes in the client's
-        next record. If the ring would then have no room for the next record, write nothing and return False.
-        One long `HOLE` record is better than many short `HOLE` records.
+        """Write the `HOLE` records of a client. If the ring lacks room for these records and the client's
+        next record, write nothing and return False. `size` is the length in bytes of the next record's data
+        and note. One long `HOLE` record is better than many short `HOLE` records.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -403,8 +403,8 @@ class RingReader(_Ring):
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
         """Return at most `limit` records. A record that may still be incomplete stays in the ring until the
-        next call. If `until` is not None, return only records before the position `until`. The watcher's
-        second `RingReader` must have read the ring up to `until`.
+        next call. If `until` is not None, return only records before the position `until`. The caller
+        must choose an `until` up to which another `RingReader` has already read.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

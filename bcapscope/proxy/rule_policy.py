@@ -147,7 +147,8 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Remove the waiting messages of a client that leaves. Return the last actions for the client.
+        """Remove the waiting messages of a client that leaves. Return the actions that the relay must still
+        do for the client.
 
         The proxy sends waiting replies and stop requests, but drops all other waiting requests. If a
         half-open fault blocks the client's conversation, the proxy drops all waiting messages.

@@ -19,7 +19,7 @@ _MAX_NAMED = 8
 
 
 def report_lines(rules: RulePolicy) -> list[Message]:
-    """Return a summary of what the rules did, one message per line."""
+    """Return the lines of a summary of what the proxy's rules did."""
     lines = [
         Message("rules.injected", name=name, times=_times(count))
         for name, count in rules.shaper.hit_counts.items()

@@ -152,7 +152,7 @@ class ScriptProcess:
         return ScriptError(reason)
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
-        """Connect the process to the relay and to the rules. The rules get the scripts' decisions.
+        """Connect the process to the relay and to the proxy's rules, which apply the scripts' decisions.
 
         `is_interrupted` returns True if a signal during the shutdown asks the proxy to end immediately.
         """

@@ -77,8 +77,8 @@ class ClientGone(_WireFrame, frozen=True):
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """Tells the scripts to complete all calls that no longer wait for a reply. `time` is the current time in
-    ns since 1970.
+    """Makes the scripts complete all calls whose clients no longer wait for a reply. `time` is the current
+    time in ns since 1970.
     """
 
     time: int
@@ -106,7 +106,7 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Convert a message for the user to a `WireSentence`, with the inserted values as text."""
+    """Convert each inserted value of `message` to text of at most `LONGEST_SENTENCE` characters."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 

@@ -44,8 +44,8 @@ above `LONGEST_LIMIT` would be dangerous: a held motion could start long after t
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum time in ns from the arrival of a message to the scripts' decision about this message. If the user
-sets a time limit above `LONGEST_WAIT`, this time limit replaces the maximum."""
+"""Maximum time in ns from the arrival of a message to the scripts' decision about this message. If the user's
+time limit for one message is longer than `LONGEST_WAIT`, the scripts may take the user's time limit."""
 
 MAX_WAITING = 64
 """Maximum number of waiting datagrams per client. One call needs at most eight datagrams, one for each
@@ -63,8 +63,8 @@ Above this limit, the scripts get only messages that need a decision.
 """
 
 _LATE = 20_000_000
-"""Maximum delay of the relay in ns that leaves the scripts' time limit unchanged. After a longer delay, the
-scripts get more time, because a busy computer may also have delayed the scripts."""
+"""Delay of the relay in ns above which the relay extends the scripts' time limit. A busy computer that delays
+the relay may delay the scripts too."""
 
 _LOCATED_WITHIN_NS = 50_000_000
 """Time in ns between switching the scripts off and killing their process. Before the proxy kills the process,
@@ -72,7 +72,7 @@ the process should report its current script line.
 """
 
 _EXPIRE_INTERVAL_NS = 50_000_000
-"""Time in ns between two checks for calls that no longer wait for a reply."""
+"""Minimum time in ns from one `ExpireCalls` order to the next."""
 
 _MAX_NOTICES = 200
 """The proxy shows the user at most this many messages from the scripts."""
@@ -130,7 +130,7 @@ class ScriptQueue:
         self._hooks: frozenset[str] = frozenset()
         self._queue: deque[PendingOrder] = deque()
         self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
-        self._counts: Counter[int] = Counter()  # number of undecided messages of each client
+        self._counts: Counter[int] = Counter()  # number of messages that wait for a decision, by client
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
         self._head_since = 0

@@ -121,8 +121,8 @@ class TcpSession(RelaySession):
         self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data that the rules released. Return the time of sending in ns since 1970; 0 if some bytes
-        still wait.
+        """Send data that the rules released. Return the time in ns since 1970 at which all of `data` was
+        sent; 0 if some bytes are not sent yet.
         """
         if self._closed:
             return 0
@@ -352,8 +352,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Close the socket of a sender after an error. If a half-open fault blocks the client, hide the error
-        from the receiver. Without a half-open fault, end the session.
+        """Close a socket after an error of this socket. If a half-open fault blocks the client, hide the
+        error from the other end of the conversation. Without a half-open fault, end the session.
         """
         was_reset = problem in _RESETS
         if was_reset:
@@ -370,7 +370,7 @@ class TcpSession(RelaySession):
 
     def _may_read(self, half: _HalfConnection) -> bool:
         """Return whether the session may read more bytes of a direction. The session must stop reading if the
-        proxy holds too much data or the receiver is slow. With rules, the session must also stop reading
+        proxy holds too much data or the receiver is slow. If the proxy has rules, the session must not read
         requests of a client that does not read its replies.
         """
         policy = self._relay.policy

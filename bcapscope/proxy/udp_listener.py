@@ -36,8 +36,9 @@ controller sees a new client. The time can be long: the socket of a silent clien
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""If all slots are taken, a new client may replace a client that has been silent for this time in ns. DENSO's
-C server evicts clients in the same way (orin_bcap C/src/bcap_server.c).
+"""If all slots are taken, a new client may replace a client that has been silent for this time in ns. In
+DENSO's C server, a new client may replace a client after 10 s of silence (orin_bcap
+C/src/bCAPServer/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
@@ -78,7 +79,7 @@ class UdpListener(ClientListener):
         self.relay.watch(self.socket.fileno(), _datagram_handler(self, self.socket))
 
     def close(self) -> None:
-        """Stop receiving datagrams from clients. The socket still sends replies to clients."""
+        """Stop receiving datagrams from clients. The socket stays open, to send replies to clients."""
         self._count_drops()
         super().close()
 

@@ -154,7 +154,7 @@ def _rule_lines(
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     """Return the differences between two captures as one JSON object, without a line end.
 
-    Figures from `stats --json` have the same names in the JSON object. Shares are from 0 to 1, times are in
+    The JSON object uses the names that `stats --json` uses for figures. Shares are from 0 to 1. Times are in
     milliseconds.
     """
     return orjson.dumps(

@@ -1,4 +1,4 @@
-"""Frames as text, one line per frame. Frames that differ only in their numbers share a template."""
+"""Frames as text, one line per frame. One template writes all frames that differ only in numeric values."""
 
 from __future__ import annotations
 
@@ -168,8 +168,8 @@ MAX_ELEMENTS = 32
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""Placeholder in a template. The index or slice selects some of a frame's numbers, and the function formats
-these numbers.
+"""Placeholder in a template. The index or slice of a placeholder selects numbers of the frame. The function
+of a placeholder formats the selected numbers.
 """
 
 _SHOWN_BEFORE = ("bstrCommand",)
@@ -179,8 +179,8 @@ _SHOWN_BEFORE = ("bstrCommand",)
 class LineTemplate:
     """A format string for one line of text.
 
-    The first placeholders in `text` take the values of `head`. Each further placeholder in `text` is a ``%s``
-    for one element of `places`.
+    The format string `text` begins with the placeholders for the values of `head`. For each element of
+    `places`, `text` then contains one ``%s``.
     """
 
     __slots__ = ("places", "text")

@@ -1,7 +1,7 @@
 """Frames as JSON, one object per frame.
 
-Frames that differ only in their numbers share a template: JSON with placeholders for the numbers. A JSON
-encoder escapes all text from the wire.
+One template writes all frames that differ only in numeric values. A template is JSON with placeholders for
+numeric values. A JSON encoder escapes all text from the wire.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _Place: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
 
 def json_template(members: dict[str, object]) -> bytes:
-    """Return JSON as a %-format, with ``%d`` and ``%b`` instead of the placeholders."""
+    """Return JSON as a %-format. ``%d`` replaces `INTEGER_PLACE`, and ``%b`` replaces `JSON_PLACE`."""
     return orjson.dumps(members).replace(b"%", b"%%").replace(b"\1", b"%d").replace(b"\0", b"%b")
 
 

@@ -25,7 +25,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
 MAX_ELEMENTS = 32
-"""By default, the rows of an array show at most this many elements."""
+"""By default, a tree shows at most this many elements of an array."""
 
 
 class FieldRowKind(Enum):

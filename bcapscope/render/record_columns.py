@@ -107,8 +107,8 @@ class ColumnRenderer:
         palette: Palette = PLAIN,
         width: int | None = None,
     ) -> None:
-        """Create a renderer. `getters` maps the name of a getter to the function that returns the value of a
-        field. The renderer cuts lines to `width` columns, unless `width` is None.
+        """Create a renderer. `getters` maps each getter name to a function that returns the value of a field
+        from a record. The renderer cuts lines to `width` columns, unless `width` is None.
         """
         self._width = width
         self._columns = columns
@@ -174,7 +174,7 @@ def _csv_cell(column: RecordColumn, value: object) -> object:
     if column.type is FieldType.TIME and isinstance(value, int):
         return epoch_text(value)
     text = _plain_text(column, value)
-    # numbers stay as they are: a spreadsheet reads -1 as a number
+    # `csv_cell` would escape -1 like a formula, although a spreadsheet reads -1 as a number
     return text if isinstance(value, (int, float)) else csv_cell(text)
 
 

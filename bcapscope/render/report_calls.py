@@ -40,7 +40,7 @@ MAX_KINDS = 20
 time in total."""
 
 _NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
-# a logarithmic axis has no 0, so the picture shows every shorter time as 0.001 ms
+# the picture shows times below 0.001 ms as 0.001 ms, because a logarithmic axis has no 0
 _SHORTEST_MS = 0.001
 
 _BAR = "#2A74B2"  # contrast to white text: 4.9:1
@@ -317,7 +317,7 @@ class _TimelineDrawing:
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
-    """Return a plotly trace of horizontal lines. Each line has a height, a start and an end."""
+    """Return a plotly trace of horizontal lines. `lines` contains y, first x and last x of each line."""
     return go.Scatter(
         name=name,
         mode="lines",

@@ -154,8 +154,8 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return three texts: the verdict (``error``, ``warning`` or ``good``), the number of findings, and the
-    sentence of the first finding. If the verdict is ``good``, the sentence of the first finding is "".
+    """Return three texts: the overall result (``error``, ``warning`` or ``good``), the number of findings,
+    and the sentence of the first finding. If the overall result is ``good``, the third text is "".
     """
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
@@ -217,7 +217,8 @@ def _moment(time: int) -> str:
 
 def _script_text(code: str) -> str:
     """Escape ``</script`` and ``<!--`` in JavaScript, so that the browser does not end the script element
-    early. In the code, ``</script`` and ``<!--`` occur only in strings, where the escapes change nothing.
+    early. The code must contain ``</script`` and ``<!--`` only in strings. In a JavaScript string, an escape
+    with a backslash does not change the value.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

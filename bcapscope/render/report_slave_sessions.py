@@ -343,14 +343,14 @@ class _SessionDrawing:
 
 def _axis_number(place: int) -> str:
     """Return the number that plotly appends to the names of a diagram's axes. `place` is the index of the
-    diagram, counted from 0. For the first diagram, the result is "".
+    diagram, counted from 0. For the first diagram, plotly appends no number, and the function returns "".
     """
     return "" if place == 0 else str(place + 1)
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of diagrams. Between two columns, there is space for an
-    axis.
+    """Return the left and right edge of a column of diagrams. The gap between two columns of diagrams leaves
+    room for the labels of a diagram's axis.
     """
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)

@@ -279,8 +279,8 @@ def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
 
 
 def motion_lines(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield lines with the steps, velocities and accelerations of each axis. The lines also show how far the
-    returned pose differs from the commanded pose.
+    """Yield lines about the motion of each axis: the steps, velocities and accelerations, and the difference
+    between the returned and the commanded pose.
     """
     case = ".guessed" if motion.pose_type_guessed else ""
     yield writer.captioned("motion", Message(f"slave.motion{case}", poses=Count(motion.read, "pose")))
@@ -298,7 +298,7 @@ _AXIS_HEADER = (
     ("", "least", "most", "step", "at-frame", "velocity", "", "acceleration", "", "off", "", "lag"),
     ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
 )
-"""The two heading rows of the table of axes, as message ids. Each message id lacks its prefix
+"""The two heading rows of the table of axes. Each text is empty, or a message id without the prefix
 ``slave.column.``.
 """
 

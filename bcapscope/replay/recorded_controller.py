@@ -36,10 +36,11 @@ _SERVICE_START = CallKind(1, None)
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    `find` returns the next recorded call with the same function, command and arguments. If `find` has already
-    returned all recorded calls with these arguments, `find` returns the last of these calls again. If the
-    recording has no call with these arguments, `find` compares only function and command. If the client sends
-    a further Service_Start after the last recorded one, `find` begins again at the first recorded call.
+    `find` returns the next recorded call whose function, command and arguments equal those of the request. If
+    `find` has already returned all recorded calls with these arguments, `find` returns the last of these
+    calls again. If the recording has no call with these arguments, `find` compares only function and command.
+    If the client sends a further Service_Start after the last recorded one, `find` begins again at the first
+    recorded call.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -53,9 +54,7 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a new `ScriptLookup` of the same recorded calls. The `find` method of the new lookup begins
-        at the first recorded call.
-        """
+        """Return a new `ScriptLookup` of the same recorded calls, which begins at the first recorded call."""
         lookup = copy(self)
         lookup._next = {}
         return lookup

@@ -1,8 +1,9 @@
 """Functions that make the simulated controller's VARIANT values, and functions that read a client's values
 leniently.
 
-The C server passes arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c). No source
-documents how tolerant a real controller is. The simulator accepts any numeric type where it expects a number.
+The C server passes arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c). No known
+document says how leniently a real controller reads values. The simulator accepts any numeric type where it
+expects a number.
 """
 
 from __future__ import annotations
@@ -94,7 +95,9 @@ def number_within(variant: Variant, allowed: range, refusal: int) -> int:
 
 
 def text_of(variant: Variant) -> str:
-    """Return the text of a VARIANT; "" for EMPTY and NULL. Refuse the call for a VARIANT of another type."""
+    """Return the text of a VARIANT; "" for EMPTY and NULL. If the VARIANT is neither text, EMPTY nor NULL,
+    refuse the call.
+    """
     if variant.value is None:
         return ""
     if isinstance(variant.value, str):

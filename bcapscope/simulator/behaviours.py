@@ -15,7 +15,7 @@ class Certainty(StrEnum):
     OBSERVED = "observed"
     """DENSO's server or driver, a published capture or a report of users shows the behaviour."""
     ASSUMED = "assumed"
-    """No source states the behaviour. The simulator shows the most likely or the simplest behaviour."""
+    """No source states the behaviour, so the simulator assumes the most likely or the simplest behaviour."""
 
 
 class Behaviour(NamedTuple):

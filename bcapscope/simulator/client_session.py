@@ -165,8 +165,8 @@ def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], i
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
     If no document mentions a call, the simulator assumes that slave mode accepts only calls that read data.
-    The function returns True for unknown commands, because the handler of the ..._Execute function refuses
-    unknown commands.
+    For an unknown command, the function returns True. The handler of the ..._Execute function later refuses
+    the unknown command.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

@@ -29,8 +29,8 @@ def played_scenario(
     no_argument: NoArgument | None = None,
     faults: Sequence[AnyFault] = (),
 ) -> Scenario:
-    """Return `scenario` with the other arguments applied. If `scenario` is None, begin with a scenario that
-    has no events.
+    """Return a copy of `scenario` with the given defects, faults and `no_argument`. If `scenario` is None,
+    begin with a scenario that has no events.
 
     Raises:
         ScenarioProfileError: The scenario is made for a profile other than `profile`.

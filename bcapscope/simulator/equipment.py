@@ -170,8 +170,9 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: Open pairs of commands. SyncTimeStart puts `time` into this set, and SyncTimeEnd removes
-            `time`. SyncMoveStart puts `move` into this set, and SyncMoveEnd removes `move`.
+        brackets: Pairs of commands that have begun but not ended. SyncTimeStart puts `time` into this set,
+            and SyncTimeEnd removes `time`. SyncMoveStart puts `move` into this set, and SyncMoveEnd removes
+            `move`.
     """
 
     def __init__(self, object_width: float | None) -> None:

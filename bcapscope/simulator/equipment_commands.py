@@ -3,14 +3,15 @@
 Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridges of COBOTTA and
 DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
 nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
-result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for the error
-when a hand that should not grip hits an object: DENSORobot/denso_robot_ros issue 46. Source for the fact that
-the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
+result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control.
+DENSORobot/denso_robot_ros issue 46 is the source for the error of a hand that hits an object without a grip
+command. Source for the fact that the hand needs the motor: DENSORobot/denso_cobotta_ros
+denso_cobotta_gripper.
 
-A moving hand would refuse the next command, which the clients in orin_bcap_python_samples send immediately
-after the reply. A call that moves a hand therefore lasts as long as the motion. No force acts on the
-simulated robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd
-therefore do not change motions; the simulator only checks their order.
+Most calls that move a hand last as long as the motion, because a moving hand refuses commands. The clients in
+orin_bcap_python_samples send the next command immediately after the reply. No force acts on the simulated
+robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not
+change motions; the simulator only checks their order.
 """
 
 from __future__ import annotations
@@ -102,8 +103,8 @@ def _stop(context: CallContext) -> None:
 
 
 def _two_finger_grip(context: CallContext) -> HandlerOutcome:
-    """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. If the call waits and
-    the hand grips nothing, the call fails.
+    """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. A call that waits for
+    the end of the motion fails if the hand grips nothing.
     """
     items, hand = context.items, context.machine.equipment.gripper
     width, force, speed = items.number(0), _force(hand, items.number(1)), _speed(hand, items.number(2))
@@ -139,7 +140,7 @@ def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
     """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
-    already moving. For COBOTTA's hand, also refuse the call if the robot's motor is off.
+    already moving. Refuse a call that moves COBOTTA's hand if the robot's motor is off.
 
     If `waits` is True, the call lasts until the motion ends. With `waits`, a grip command of the 2FG hand
     fails if the hand grips no object.

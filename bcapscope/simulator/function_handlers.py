@@ -5,8 +5,8 @@ DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of Sys
 a real controller, a program fills some fields of an error; in the simulator, these fields are 0.
 
 The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
-to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider
-also answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
+to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). In DENSO's skeleton of a
+provider, the functions return E_NOTIMPL (CaoProvRobot.cpp, 2003).
 
 Only one known document shows which functions a robot object of a real controller lacks: VE026A_JNI.java by
 Suzuki (2015). VE026A_JNI.java wraps the RC8 provider, and has no methods Chuck, Unchuck, GoHome and Drive.

@@ -44,13 +44,13 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """Whether the host must call `poll`. A subclass may return a running call for True, and None for
-        False.
+        """Whether the host must call `poll`. A subclass may return the running call instead of True, and None
+        instead of False.
         """
 
     @property
     def _is_unanswered(self) -> bool:
-        """Whether the current call never gets a reply. Such a call ends with the client's next request."""
+        """Whether the current call never gets a reply. The client's next request ends an unanswered call."""
         return False
 
     @abstractmethod

@@ -222,8 +222,8 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop, during an error, or outside automatic mode. Also refuse a
-        call if the executable token does not belong to Ethernet.
+        """Refuse a call during an emergency stop, during an error, or outside automatic mode. Refuse a call
+        if the executable token does not belong to Ethernet.
         """
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
@@ -251,7 +251,7 @@ class Machine:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """Run `check_motion`. On RC7, also refuse slave mode if RobSlave does not run (DENSO Wave 2009)."""
+        """Run `check_motion`. On RC7, refuse slave mode if RobSlave does not run (DENSO Wave 2009)."""
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)
@@ -268,9 +268,9 @@ class Machine:
         """End motions and slave mode now; the calls that wait for a motion or for slave mode return
         `code`.
 
-        If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
-        DENSORobot/denso_robot_ros). If `is_reported` is true, another reply reports `code`, and slvMove does
-        not return `code`. Later calls of slvMove return the error that slave mode is off (issues 6 and 42).
+        `is_reported` is true if slvMove need not report `code`. If slave mode was on and `is_reported` is
+        false, the next slvMove also returns `code` (issues 20 and 49 of DENSORobot/denso_robot_ros). Later
+        calls of slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -298,8 +298,9 @@ class Machine:
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call, and keep the error `code` active until ClearError, as `raise_error` does.
 
-        The error list holds the error once, however often the client repeats the call. If each refusal added
-        an entry, 32 refused set points would displace the error that ended slave mode.
+        The error list holds the error once, however often the client repeats the call. The error list has
+        room for 32 errors. If the error list held every refusal, 32 refused set points would displace the
+        error that ended slave mode.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
         simulator assumes that an RC7 also lists its refusals as current errors. On RC7, a result other than

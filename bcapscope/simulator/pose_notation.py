@@ -3,8 +3,8 @@
 Examples of text are `@E J(0, 0, 90, 0)` and `@P P1`. An array of VARIANTs contains the coordinates, the pose
 type, the pass motion and the extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2).
 Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's
-samples send the variable's number as VT_I4, although their README says VT_R4. ShoheiKobata's samples also
-write the pass motion before the pose type.
+samples send the variable's number as VT_I4, although their README says VT_R4. In some of these samples, the
+pass motion, such as "@0", comes before the pose type.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    # Two to four items may begin with the number of a variable. The pose type and the pass motion follow.
+    # In an array of two to four items, the first item may be the number of a variable. The pose type and the
+    # pass motion follow the first item.
     if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)

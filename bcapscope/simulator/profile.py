@@ -40,8 +40,8 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies without a value contain no VARIANT. The other replies without a value contain a VARIANT
-    of the type VT_EMPTY. `NoArgument` applies only to calls that can return a value.
+    """Which replies without a value contain no VARIANT, instead of a VARIANT of the type VT_EMPTY.
+    `NoArgument` applies only to calls that can return a value.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode). In
     DENSO's C# and Java clients, a call that can return a value throws an exception if the successful reply

@@ -127,9 +127,9 @@ def _pallet_position(context: CallContext) -> Variant:
     """Run CalcPos of the extension Pallet.
 
     The parameter holds rows, columns, layer height in mm, the four corners, the number of the pallet position
-    and optionally the layer. Positions and layers are counted from 1. Positions are counted from the first
-    corner to the second, then row by row towards the third. This order is assumed, because the samples do not
-    show it.
+    and optionally the layer. Positions and layers are counted from 1. Pallet positions are counted from the
+    first corner to the second corner, then row by row towards the third corner. This order is assumed,
+    because the samples do not show it.
     """
     items = context.items
     rows, columns = (_count(items.at(index)) for index in (0, 1))
@@ -239,7 +239,7 @@ def _log_record(context: CallContext) -> Variant:
     """Run GetLogRecord. The parameter 0 selects the oldest record.
 
     Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
-    others/Get_Syslog.py. The simulator assumes that the counter of a record is in ms. The simulator also
+    others/Get_Syslog.py. The simulator assumes that the counter in a log record is in ms. The simulator also
     assumes that the lag of the encoders determines motor current and load.
     """
     machine, records, values = context.machine, context.machine.log.records, []

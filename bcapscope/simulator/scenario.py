@@ -83,9 +83,9 @@ class ClientProgram(StrEnum):
     pace, the client sends a set point every 8 ms.
     """
     PASSING = "passing"
-    """The client acts as in `SLAVE`, but the motion before slave mode has the pass motion @P."""
+    """The client runs the `SLAVE` program, but the motion before slave mode has the pass motion @P."""
     GRIPPER = "gripper"
-    """The client acts as in `SLAVE`. A second client sometimes writes an I/O output."""
+    """The client runs the `SLAVE` program, while a second client sometimes writes an I/O output."""
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

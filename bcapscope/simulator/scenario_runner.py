@@ -1,9 +1,9 @@
 """Playing a scenario: a simulator, with the scenario's faults between the simulator and its clients.
 
-Like the simulator, a `ScenarioRunner` does no I/O and has no clock. `SimulatorServer` serves a
-`ScenarioRunner` in the same way as a simulator. Faults affect a request after the socket has received the
-request, and a reply before the socket sends the reply. A capture made at the socket therefore shows the same
-as a capture at the controller's end of the cable.
+Like the simulator, a `ScenarioRunner` does no I/O and has no clock. `SimulatorServer` can serve a
+`ScenarioRunner` in place of a `Simulator`. Faults affect a request after the socket has received the request,
+and a reply before the socket sends the reply. A capture made at the socket therefore shows the same as a
+capture at the controller's end of the cable.
 """
 
 from __future__ import annotations

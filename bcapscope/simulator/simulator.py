@@ -25,8 +25,8 @@ MAX_CLIENTS = 20
 """Maximum number of clients per transport, TCP or UDP."""
 
 STOP_CLIENTS = 4
-"""After `MAX_CLIENTS` clients, the simulator accepts this number of extra clients per transport. The first
-request of each extra client must be a stop. DENSO's C server refuses all clients beyond its limit.
+"""Number of clients per transport that the simulator accepts beyond `MAX_CLIENTS`. A client beyond
+`MAX_CLIENTS` must send a stop as its first request. DENSO's C server refuses all clients beyond its limit.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000

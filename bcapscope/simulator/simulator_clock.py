@@ -17,8 +17,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest delay in ns that counts as normal. The delay begins when an event is due or a request arrives. A
-longer delay means that this process got no processor.
+"""Longest delay in ns that counts as normal. The delay begins when an event is due or a request arrives. If a
+delay exceeds `STALL_NS`, the operating system did not run the simulator's process in time.
 """
 
 
@@ -33,8 +33,9 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The clock of a simulated controller, in ns. `latest_time` is the largest time that the simulated
-    controller received. The clock never gives the simulated controller a time before `latest_time`.
+    """The clock of a simulated controller, in ns. `latest_time` is the latest simulated time that the clock
+    gave to the simulated controller. The clock never gives the simulated controller a time before
+    `latest_time`.
     """
 
     def __init__(
@@ -50,15 +51,15 @@ class SimulatorClock:
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        # begin and end of the newest pause, as times of `monotonic`; the simulated time during this pause
+        # begin and end of the newest pause in `monotonic` time, and the simulated time of the whole pause
         self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the simulated time. If an event is long overdue, first set the simulated time back to the
-        event's due time.
+        """Return the simulated time. If an event is overdue by more than `STALL_NS`, the simulated time goes
+        back to the event's due time.
         """
         ours = self._monotonic()
         now = ours - self.paused_ns
@@ -74,8 +75,8 @@ class SimulatorClock:
         """Convert a request's arrival time from ns since 1970 (`received_at`) to the simulated time.
 
         If the simulator reads a request more than `STALL_NS` after the arrival, the simulated time goes back
-        to the arrival. A request during a running call does not set the simulated time back, because this
-        request is usually a retry. The clock stores only the newest pause, because a request rarely waits
+        to the arrival. During a running call, the simulated time does not go back, because a request during a
+        call is usually a retry. The clock stores only the newest pause, because a request rarely waits
         through two pauses.
         """
         now, ours = self.update(), self._monotonic()
@@ -103,7 +104,9 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If the replies took longer than `STALL_NS`, do not count the time since the last `update`."""
+        """If the simulator took longer than `STALL_NS` to send replies, remove the time since the last
+        `update` from the simulated time.
+        """
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

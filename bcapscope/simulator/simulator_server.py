@@ -143,7 +143,9 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve for at most `until` seconds. Return the readable descriptors in `extra`."""
+        """Serve for at most `until` seconds. Also watch the caller's descriptors in `extra`, and return the
+        readable ones.
+        """
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -225,8 +227,7 @@ class SimulatorServer:
         datagram immediately, and queue the remaining datagrams.
         """
         receive, turns = self._receive, self.datagram_queue
-        # If `_may_be_more` is False, `_polled_empty_at` is the arrival time, so the system need not report an
-        # arrival time.
+        # If `_may_be_more` is False, `_arrival_time` does not need an arrival time from the operating system.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
@@ -249,7 +250,7 @@ class SimulatorServer:
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """Return the arrival time of the received bytes, in the model's time."""
+        """Return the arrival time of the received bytes in simulated time."""
         if not self._may_be_more:
             return self._polled_empty_at
         return self._clock.arrival_time(kernel_timestamp(control, 0))
@@ -433,7 +434,8 @@ def serve(
 ) -> None:
     """Serve until interrupted, and call `idle` after each step; `idle` returns whether it has more work.
 
-    The loop calls `on_readable` with each readable descriptor in `extra`; `on_readable` may change `extra`.
+    The loop also watches the caller's descriptors in `extra`, and calls `on_readable` with each readable one.
+    `on_readable` may change `extra`.
     """
     is_busy = False
     while True:

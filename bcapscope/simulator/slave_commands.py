@@ -230,9 +230,7 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return one simulated motor current per axis. The simulator uses the lag of the axis in degrees
-    as the motor current: commanded minus measured angle.
-    """
+    """Return one simulated motor current per axis: the commanded minus the measured angle in degrees."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

@@ -70,7 +70,7 @@ class VariableMemory:
         else:
             number = _number(value, letter)
             value = Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
-        check_index(letter, index, is_write=True)  # for tool and work coordinates, the value is checked first
+        check_index(letter, index, is_write=True)  # a bad value of TOOL or WORK is refused before a bad index
         self._values[letter, index] = value
 
     def _zero(self, letter: str) -> Variant:

@@ -45,8 +45,8 @@ class FrameRole(StrEnum):
     REPLY = "reply"
     """The reply that the client accepted."""
     LATE = "late reply"
-    """A reply that arrived after the client sent another attempt or began another call. A reply that
-    contradicts an earlier reply also has the role `LATE`.
+    """A reply that arrived after the client sent another attempt or began another call. If two replies to the
+    latest attempt differ, the second reply has the role `LATE`.
     """
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
@@ -111,12 +111,10 @@ class Call:
         gave_up_inferred: Whether bcapscope inferred `abandoned_at` only from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
             attempts surely belong to this call.
-        may_go_on: Whether this call may have later attempts: attempts that were not captured, or that
-            bcapscope counts as another call. If `may_go_on` is set, the client may have received the reply to
-            a later attempt.
-        may_continue_in: Newer call whose attempts may really be retries of this call; None after this call is
-            complete.
-        was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
+        may_go_on: Whether later attempts of this call may exist: uncaptured attempts, or attempts that
+            bcapscope counts as a newer call. The reply to a later attempt may have reached the client.
+        may_continue_in: Newer call whose attempts may be retries of this call; None in a complete call.
+        was_overtaken: Whether the controller answered a later request; always False if `may_go_on` is False.
         stray_replies: Replies and notices that answer uncaptured attempts of this call. bcapscope also
             reports each frame in `stray_replies` as a stray reply, because the call of the frame was unknown
             at first.
@@ -126,9 +124,9 @@ class Call:
         state: State of the call; a complete call is unanswered, settled or evicted.
         crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
             this client. bcapscope determines this time when the call becomes complete.
-        skipped_handles: Number of handles that the controller skipped before the handle in the accepted
-            reply. A call with n attempts can make the controller skip at most n - 1 handles. If the
-            controller skipped more handles, `skipped_handles` is 0.
+        skipped_handles: Number of handles that the controller skipped before it gave the handle in the
+            accepted reply. `skipped_handles` is 0 if the call has too few attempts to explain all skipped
+            handles.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             became complete.
@@ -251,7 +249,7 @@ class Call:
 
     @property
     def all_unseen_serials(self) -> tuple[int, ...]:
-        """Serials of all attempts that were not captured: the retries and the first attempt."""
+        """Serials of the uncaptured attempts of the call, including an uncaptured first attempt."""
         if self.first_attempt_seen:
             return self.unseen_serials
         return (self.request.item.reserved, *self.unseen_serials)
@@ -348,7 +346,7 @@ class Call:
         return next(tries, self.request)
 
     def surely_has(self, serial: int) -> bool:
-        """Return whether the attempt with a serial surely belongs to this call."""
+        """Return whether the attempt that has this serial surely belongs to this call."""
         return self.sure_until is None or (serial - self.sure_until) & 0xFFFF not in range(1, 0x8000)
 
     @property
@@ -401,8 +399,8 @@ class StrayReply:
     Attributes:
         call_number: Number of a complete call with an attempt that has the reply's serial; None if bcapscope
             remembers no such call.
-        request_missed: Whether the serials show that the client sent a request that the capture lacks.
-            `request_missed` becomes False if the client uses the reply's serial later.
+        request_missed: Whether the serials show that the client sent a request that the capture lacks. The
+            client's next request makes `request_missed` False if the client did not skip the reply's serial.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that
             may belong to an evicted call is reported neither as late nor as stray.
     """

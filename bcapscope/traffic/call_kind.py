@@ -13,8 +13,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes that `CallKinds` remembers. Beyond the limit, `CallKinds` forgets all
-prefixes. A client's requests have a few dozen different prefixes: one for each pair of handle and command.
+"""Maximum number of pairs of handle and command for which `CallKinds` remembers the call kind. Beyond this
+limit, `CallKinds` clears its memory. A client uses a few dozen pairs of handle and command.
 """
 
 MAX_CONVERSATIONS = 256
@@ -77,7 +77,7 @@ class CallKinds:
             return call_kind_of(request)
         # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
         # The prefix contains all bytes that determine the command, but no parameter. `_learn` stores a prefix
-        # only if the handle is a VT_I4 and one byte holds the length of the command. The prefix includes the
+        # only if the handle is a VT_I4 and the command has less than 256 bytes. The prefix includes the
         # byte after the command, so a frame that was cut before this byte never matches.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)

@@ -49,28 +49,26 @@ class CallVerdict(StrEnum):
     NOT_FOLLOWED = "not followed"
     NOT_CAPTURED = "not captured"
     EXECUTED_TWICE = "executed twice"
-    """The controller executed the call more than once: replies to its attempts differ in result or value. A
-    server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
-    DENSO Wave 2009 also shows two equal replies to a retried call. The verdict is also *executed twice* if
-    the controller skipped handles before the handle in the reply (see `Call.skipped_handles`).
+    """The controller executed the call more than once. The replies to the call differ in result or value, or
+    the controller skipped handles (see `Call.skipped_handles`). A server that recognises a retry sends the
+    stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO Wave 2009 shows two equal replies to
+    a retried call.
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client
     discarded the reply. The client's timeout is too short, or the controller or the network was too slow.
     """
     REPLY_LOST = "reply lost"
-    """A reply was captured, but the client sent another attempt. The next attempt came so long after the
-    reply that reply and attempt did not cross on the network (see `capture_point`). The reply was lost
-    between the capture point and the client, or the client was too busy to read the reply. The verdict is
-    also *reply lost* if the controller sent S_EXECUTING for an attempt and the capture lacks the attempt's
-    result. The verdict is also *reply lost* if a proxy recorded a reply only at the controller's side.
+    """The client retried, although a reply was captured well before the retry (see `capture_point`). The
+    reply was lost between the capture point and the client, or the client was too busy to read the reply. An
+    attempt's result counts as lost if the controller sent S_EXECUTING for the attempt and the capture lacks
+    the result. If a proxy recorded a reply only at the controller's side, the reply counts as lost.
     """
     REQUEST_LOST = "request lost"
     """The controller sent S_EXECUTING for a retry, but not for the first attempt. The first attempt was
-    therefore lost before it reached the controller. The verdict is also *request lost* if a proxy recorded an
-    attempt only at the client's side. The verdict is also *request lost* if a capture at the controller lacks
-    both an attempt and its reply. If a call lost both requests and replies, the first loss determines the
-    verdict.
+    therefore lost before it reached the controller. If a proxy recorded an attempt only at the client's side,
+    the attempt counts as lost. An attempt counts as lost if a capture at the controller lacks both the
+    attempt and its reply. If a call lost both requests and replies, the first loss determines the verdict.
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
@@ -126,7 +124,7 @@ def _by_frames(call: Call) -> CallVerdict:
 
 
 def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
-    """Return the verdict on a retried call from the attempts that got a reply or a notice.
+    """Infer whether attempts or replies of a retried call were lost, and return the verdict.
 
     The controller executes the first attempt that reaches it, and answers each attempt in order.
     """
@@ -146,8 +144,8 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
     """Return whether an attempt evidently got lost on its way to a capture point at the controller.
 
-    A capture at the controller holds a reply to each attempt that reached the controller, even if the capture
-    lacks the attempt. `received` holds the serials of the attempts with replies or notices.
+    A capture at the controller normally holds every reply, so an attempt without a reply did not reach the
+    controller. `received` holds the serials of the attempts with replies or notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)

@@ -3,8 +3,8 @@
 A reply and a retry cross on the network if the client sends the retry before the client receives the reply. A
 reply that reaches the client after the client sent a retry is late. If a reply had enough time to reach the
 client, and the client still retried, the reply was lost. A capture on the client's computer shows whether a
-reply was late or lost. In a capture from another computer, reply and retry may have crossed even if the reply
-was captured first. If a reply and a retry crossed, their capture times differ by at most the round-trip time
+reply was late or lost. Elsewhere in the network, a reply can be captured before a retry that the client had
+already sent. If a reply and a retry crossed, their capture times differ by at most the round-trip time
 between capture point and client.
 """
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns between a reply and a retry that crossed, in a capture on the client's computer. The
-client may already be preparing the retry when the reply arrives.
+"""Maximum time in ns from a reply to a retry that the client was already preparing. The limit applies to
+captures on the client's computer.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000

@@ -80,8 +80,8 @@ def waits_in_vain(call: Call, now: int) -> bool:
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return how long `timeouts` timeouts of the client last, in ns; 0 if the client's timeout is unknown. A
-    known timeout gives at least `SHORTEST_SILENCE_NS`.
+    """Return `timeouts` times the client's timeout in ns, but at least `SHORTEST_SILENCE_NS`. Return 0 if the
+    client's timeout is unknown.
     """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0

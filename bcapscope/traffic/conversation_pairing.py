@@ -66,13 +66,13 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # reserved field in the first attempt of the latest call; -1 if unknown; on UDP, 1 if it is not 0
+        # reserved field of the latest first attempt; on UDP, 1 stands for any value but 0; -1: unknown
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
         self._newest_call: Call | None = None
         self._frame_indexes = FrameIndexes()
-        self._extra_frames = 0  # number of frames in `other_frames` of all open calls
+        self._extra_frames = 0  # total number of frames that open calls hold in `Call.other_frames`
         self._latest_overfull = 0  # `Call.number` of the latest call that exceeded MAX_EXTRA_FRAMES
         self._session_call = 0  # `Call.number` of the latest Service_Start call
         self._latest_answered = 0  # highest `Call.number` of an answered call
@@ -291,8 +291,8 @@ class ConversationPairing:
         return True
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a request to the call `prior` if the request is a copy of an attempt of `prior`, or a first
-        attempt that a retry overtook. Return whether the request was added to `prior`.
+        """Add a request to the call `prior` if the request belongs to `prior`; return True if so. The request
+        may be a copy of an attempt, or the first attempt, which a retry overtook.
         """
         if self._is_tcp:
             return False

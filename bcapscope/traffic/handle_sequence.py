@@ -1,6 +1,6 @@
 """Examine the handles that a controller gave in a session. A skipped handle shows that the controller
-executed a retried call more than once. If the controller accepts an unknown handle, the capture lacks a
-reply.
+executed a retried call more than once. An accepted handle that no captured reply contains shows that the
+capture lacks a reply.
 """
 
 from __future__ import annotations

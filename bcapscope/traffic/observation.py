@@ -31,27 +31,27 @@ class Direction(StrEnum):
 
 
 class ServerEvidenceKind(StrEnum):
-    """How bcapscope knows which end of a conversation is the server."""
+    """How bcapscope knows which end of a conversation is the controller."""
 
     PORT = "port"
-    """Only the server has a port on which controllers listen."""
+    """Only one end has a port on which controllers listen."""
     PARTICIPANT = "participant"
     """bcapscope is the proxy, the client or the simulator of the conversation, and sees each stream from its
     beginning."""
     TEXT = "text"
     """The frames are from pasted text, which has no addresses."""
     HANDSHAKE = "handshake"
-    """The server accepted the TCP connection."""
+    """The controller accepted the TCP connection."""
     RESULT = "result"
-    """The server sent a result code that no request can carry."""
+    """One end sent a frame whose code can only be a result code."""
     CALL = "call"
     """The client sent a request whose arguments fit its function."""
     GUESS = "guess"
-    """The other end sent first. No frame shows which end is the server."""
+    """bcapscope assumes that the client sent first, because no frame shows which end is the controller."""
 
 
 class ServerEvidence(NamedTuple):
-    """Evidence that shows which end of a conversation is the server.
+    """Evidence that shows which end of a conversation is the controller.
 
     Attributes:
         code: The result code for `RESULT`, the function id for `CALL`, otherwise 0.
@@ -116,7 +116,7 @@ class Conversation:
     Attributes:
         client: Address and port of the client.
         server: Address and port of the controller.
-        server_evidence: Evidence that `server` is the server.
+        server_evidence: Evidence that `server` is the controller.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
         interface: Name of the interface on which the conversation was captured; "" if the capture names none.

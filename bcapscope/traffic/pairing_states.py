@@ -1,8 +1,8 @@
 """Table of the states of a call, and of the events that change its state while its frames are captured.
 
-`TRANSITIONS` maps each pair of state and event to the next state of the call. `TRANSITIONS` also gives the
-role of the frame that the event adds to the call. `ConversationPairing` determines from serials, bytes and
-times which event a frame causes. A pair of state and event that is missing from the table cannot occur.
+`TRANSITIONS` maps each pair of state and event to the next state and the role of the added frame.
+`ConversationPairing` determines from serials, bytes and times which event a frame causes. A pair of state and
+event that is missing from the table cannot occur.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CallEvent(StrEnum):
     """The controller answers an attempt that is not the latest one."""
     OVERDUE_REPLY = "overdue reply"
     """The reply to the latest attempt came after the client had given up. bcapscope detects an overdue reply
-    only when the call is complete, from the times between the attempts.
+    when the call becomes complete. The times between the attempts show the client's timeout.
     """
     UNDELIVERED_REPLY = "undelivered reply"
     """The controller sends a reply that is lost before it reaches the client's side."""

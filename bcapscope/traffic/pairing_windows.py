@@ -13,7 +13,8 @@ from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
 """Maximum delay in ns of a frame that the network copied or reordered. Factory networks delay a frame by
-milliseconds. A client that restarts on the same port within this time begins with a Service_Start.
+milliseconds. A restarted client that reuses its port can send equal frames again, but begins with a
+Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
@@ -22,8 +23,8 @@ RETRY_WITHIN_NS = 5_000_000_000
 
 LATE_WITHIN_NS = 1_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call. `LATE_WITHIN_NS` applies if the
-controller has answered a newer call. A reply that comes after `LATE_WITHIN_NS` is a stray reply.
-`StrayReply.call_number` shows which call the controller answered too late.
+controller has answered a newer call. bcapscope reports a reply to a complete call as a `StrayReply` with the
+number of the call.
 """
 
 BUSY_WITHIN_NS = 30_000_000_000
@@ -41,9 +42,9 @@ server no longer answers (orin_bcap C/src/bCAPServer/bcap_server.c).
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies in all open calls of a conversation together. 65536
 retries, notices and replies take about 30 MB of memory. Beyond the limit, bcapscope evicts the call of the
-latest frame and all earlier calls of the conversation. A further attempt of an evicted call starts another
-call. The older C client retries without end (start-jsk/denso b-Cap.c). A client that retries every 20 ms
-without end reaches the limit within 22 minutes.
+latest frame and all earlier calls of the conversation. bcapscope counts a further attempt of an evicted call
+as a new call. The older C client retries without end (start-jsk/denso b-Cap.c). A client that retries every
+20 ms without end reaches the limit within 22 minutes.
 """
 
 FRAME_COST = 512
@@ -90,7 +91,7 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     over = closing is not None and closing.ends_replies
     end = max((call.last_activity for call in open_calls), default=0)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
-    # time of the earliest reply to any call newer than `call`; without such a reply, `overtaken`
+    # time of the earliest reply to a call newer than `call`; at most `overtaken`, even without a reply
     answered = overtaken
     for call in reversed(open_calls):
         gives_up = gives_up_at(call)

@@ -191,7 +191,7 @@ class Pipeline:
         return add_to_joiner
 
     def add_joined(self, observations: Sequence[Observation]) -> None:
-        """Add the next observations, of which some may be joined from two places."""
+        """Add observations that a joiner returned, in order of time."""
         for observation in observations:
             if not isinstance(observation, JoinedObservation):
                 self._add(observation)

@@ -16,9 +16,8 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the usage of the reserved field, updated with the evidence from a request on TCP. A request
-        with serial 1 and 1 in the reserved field is no evidence: this 1 may be the protocol version or the
-        serial.
+        """Return the usage of the reserved field, updated with the evidence from a request on TCP. If the
+        serial is 1, a 1 in the reserved field may be the protocol version or the serial.
         """
         if reserved == serial == 1:
             return self

@@ -16,9 +16,9 @@ class SerialTable:
     """The serials of open calls, and of recently completed calls.
 
     Attributes:
-        open_calls: Maps the serial of each attempt to the open call.
-        reused: Maps each serial that a TCP client reused to the earlier calls that still wait for a reply,
-            oldest first. For a complete call, the list holds only `Call.number`.
+        open_calls: Maps the serial of each attempt to its open call.
+        reused: For each reused serial of a TCP client, the earlier calls that still wait for a reply, oldest
+            first. A complete call is listed only by its `Call.number`.
     """
 
     def __init__(self) -> None:
@@ -72,8 +72,8 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call in the queue of a reused serial. If the oldest call is already complete,
-        return its `Call.number` instead. If `is_answered` is True, remove the oldest call from the queue.
+        """Return the oldest call in the queue of a reused serial, or the `Call.number` if the oldest call is
+        complete. If `is_answered` is True, remove the oldest call from the queue.
         """
         queue = self.reused[serial]
         oldest = queue[0]

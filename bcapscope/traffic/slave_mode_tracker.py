@@ -46,7 +46,7 @@ class SlaveModeEffect(Enum):
     MODE_CHANGED = "mode changed"
     """The call is a slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """The client began or ended its session with the call, and the controller did not refuse the call."""
+    """The call begins or ends a client's session, and the controller did not refuse the call."""
     ROBOT_RELEASED = "robot released"
     """The call releases a robot, and the controller did not refuse the call."""
     ERROR = "error"

@@ -57,7 +57,7 @@ class Tracker:
         self._kinds = CallKinds()
         self._calls_started = 0
         self._calls_settled = 0
-        self._latest_evicted = 0  # `_calls_started` at the latest eviction of a whole conversation
+        self._latest_evicted = 0  # number of the newest call when a whole conversation was last evicted
         self._results: list[PairingResult] = []
         self._swept_at = 0
         self._next_sweep_at = 0
@@ -153,9 +153,7 @@ class Tracker:
         self._swept_at, self._next_sweep_at = now, now + SWEEP_NS
 
     def _evict_half(self, size: Callable[[ConversationPairing], int]) -> None:
-        """Evict the older half of the open calls in the conversation for which `size` returns the highest
-        value.
-        """
+        """Find the conversation with the highest `size`, and evict the older half of its open calls."""
         largest = max(self._pairings.values(), key=size)
         self._collect(largest.evict_oldest((len(largest.open_calls) + 1) // 2))
 

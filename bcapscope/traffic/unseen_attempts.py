@@ -47,7 +47,8 @@ class UnseenRequests:
     A stray reply with an earlier serial than the client's latest captured request answers an uncaptured
     request. A stray reply with a later serial than all captured requests may answer an uncaptured retry of
     the newest call. The serial of the client's next request shows whether the client really sent the
-    uncaptured retry. The client's next request may also show to which call a stray reply belongs.
+    uncaptured retry. The reserved field of the client's next request may show which call a stray reply
+    answers.
 
     Attributes:
         waiting: Whether the class holds stray replies until the client's next request.
@@ -61,7 +62,7 @@ class UnseenRequests:
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
-        """Set `request_missed` of a stray reply. Such a reply belongs to no known call."""
+        """Set `request_missed` of a stray reply. Ignore a stray reply to a known complete call."""
         if stray.call_number is not None:
             return
         serial = stray.observation.item.serial
@@ -85,9 +86,9 @@ class UnseenRequests:
         """Return the held stray replies whose serials are earlier than `serial`, the serial of the client's
         next request.
 
-        `pop_before` drops every stray reply with the serial `serial` or a later serial, and sets
-        `request_missed` of this reply to False. If the next request is only a copy of the client's latest
-        request, `pop_before` returns no replies and drops none.
+        `pop_before` drops each held reply with an equal or later serial, and sets the reply's
+        `request_missed` to False. For a copy of the client's latest request, `pop_before` returns an empty
+        list and drops no reply.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -109,11 +110,11 @@ class UnseenRequests:
         return found
 
     def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
-        """Add to `call` each stray reply whose serial belongs to an uncaptured attempt of `call`.
+        """Add to `call` each stray reply that answers an uncaptured attempt of `call`.
 
-        Other stray replies may answer attempts of the call that was newest when these replies came. `named`
-        is the serial that the client's next request holds in its reserved field. If `named` belongs to an
-        uncaptured retry of the newest call, `assign` adds only stray replies with the serial `named`.
+        If a remaining reply may answer `_newest`, `assign` sets `may_go_on` of `_newest`. `named` is the
+        serial in the reserved field of the client's next request. If an uncaptured retry of the newest call
+        has the serial `named`, `assign` adds only replies to this retry.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -146,14 +147,11 @@ class UnseenRequests:
 def find_retried_call(
     newest: Call | None, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
 ) -> tuple[Call | None, Call | None]:
-    """Decide whether a retry belongs to `newest`. The reserved field of the retry holds the serial of an
-    uncaptured attempt.
+    """Return two calls: the probable call of the retry `frame`, and the possible call of this retry. Each of
+    the two calls is the client's newest call, or None.
 
-    Return the pair (`newest`, `newest`) if the retry probably belongs to `newest`. Return the pair (None,
-    `newest`) if the retry only possibly belongs to `newest`. Return (None, None) if the retry belongs to
-    another call.
-
-    The reserved field of a retry holds the first attempt's serial, except with the convention `CHAIN`.
+    The reserved field of the retry `frame` holds the serial of an uncaptured attempt. The reserved field of a
+    retry holds the first attempt's serial, except with the convention `CHAIN`.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None, None
@@ -170,14 +168,14 @@ def find_retried_call(
 
 
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
-    """Set `may_go_on` of an unanswered call if the client's later calls may really be retries of this call.
+    """Set `may_go_on` of an unanswered call if bcapscope may have counted retries of the call as newer calls.
 
     The controller sends S_EXECUTING only for one attempt of a call: the first attempt that the controller
-    receives. A second S_EXECUTING therefore belongs to another call.
+    receives. If this call reached the controller, a newer call with S_EXECUTING is no retry of this call.
     """
     later, call.may_continue_in = call.may_continue_in, None
     if convention in (ReservedConvention.SEED, ReservedConvention.OWN):
-        return  # the reserved field shows that the next call does not continue this call
+        return  # the reserved field of each retry identifies its call, so a newer call is a separate call
     was_received = call.was_received
     while later is not None and not (was_received and later.was_executed):
         if later.reply is not None or later.may_go_on or not later.abandoned_at:

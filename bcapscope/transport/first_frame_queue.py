@@ -65,7 +65,8 @@ class FirstFrameQueue(Generic[Key]):
 
         Return the connection that the caller must drop to make room; None if there is room. The queue finds
         the source network that has the most connections, and drops the oldest connection of this network. The
-        choice ignores the bytes that a connection has sent, because an honest client may have sent none yet.
+        queue ignores how many bytes a connection has sent, because a normal client may have sent no bytes
+        yet.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))

@@ -100,15 +100,15 @@ def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
     """Return the first IPv4 address of a host, because controllers use IPv4. If there is no IPv4 address,
     return the first address.
 
-    Over UDP, a wrong address has the same effect as a controller that does not answer. The list for a name
-    such as localhost often begins with an IPv6 address.
+    Over UDP, a wrong address has the same effect as a controller that does not answer. For a host name such
+    as localhost, the operating system often lists an IPv6 address first.
     """
     return min(addresses, key=lambda each: each[0] != socket.AF_INET)
 
 
 class UdpLink(SocketLink, asyncio.DatagramProtocol):
-    """A connected UDP socket. The operating system drops datagrams from other senders. The operating system
-    reports an error if the peer's port is closed.
+    """A connected UDP socket. The operating system drops datagrams that do not come from the peer. The
+    operating system reports an error if the peer's port is closed.
     """
 
     datagrams = True

@@ -124,8 +124,8 @@ class BcapApp(KeyOrderApp):
     def on_load(self) -> None:
         """Start tasks without eager execution. In Python 3.12 and later, Textual switches eager execution on.
 
-        With eager execution, an `Input` on the first screen raises ScreenStackError, because this screen is
-        not yet on the screen stack.
+        If tasks start eagerly, an `Input` on the first screen raises ScreenStackError, because the first
+        screen is not yet on the screen stack.
         """
         asyncio.get_running_loop().set_task_factory(None)
 

@@ -1,9 +1,9 @@
 """Ink marks in rendered lines. An ink mark is a control character that sets the style of the text after the
 ink mark.
 
-A renderer writes a style code from a `Palette` before each piece of text. The palette `INK` uses ink marks as
-style codes. Text from the wire cannot contain ink marks, because bcapscope escapes all control characters in
-text from the wire.
+A renderer writes a style code from a `Palette` before each piece of text. The style codes of the palette
+`INK` are control characters, called ink marks. Text from the wire cannot contain ink marks, because
+bcapscope escapes all control characters in text from the wire.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ INK = Palette(
 """The palette for all widgets."""
 
 LIT, CURSOR = "\x0f", "\x10"
-"""Marks of highlighted bytes. `LIT` marks the bytes of the field under the tree's cursor; `CURSOR` marks the
-byte under the cursor.
+"""Ink marks for the byte view. `LIT` highlights the bytes of the selected field. `CURSOR` highlights the byte
+under the cursor of the byte view.
 """
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
@@ -34,7 +34,7 @@ STYLE_NAMES: Mapping[str, str] = {
     LIT: "lit",
     CURSOR: "cursor",
 }
-"""Maps each ink mark, except `INK.reset`, to the name of a style."""
+"""Style name of each control character that sets a style. `INK.reset` has no style name."""
 
 Styles = Mapping[str, Style]
 """Style of the theme for each name in `STYLE_NAMES`."""

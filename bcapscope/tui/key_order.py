@@ -32,9 +32,9 @@ _MOUNT_POLL_INTERVAL = 0.02
 
 @dataclass
 class KeyHandled(Message):
-    """A message that the application posts after a key. When the message arrives, the widgets have handled
-    the key. When a message with `is_second` arrives, the widgets have also handled all events that the key
-    caused.
+    """A message that the application posts to a widget after a key. A widget handles messages in order, so
+    `KeyHandled` arrives after the widget has handled the key. A second `KeyHandled` (`is_second`) arrives
+    after the widgets have handled all events that the key caused.
     """
 
     target: MessagePump
@@ -66,8 +66,8 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver a key. If an input field has the focus, also deliver the printable keys that
-        follow in the queue.
+        """Deliver an event. After a printable key for an input field, deliver the next event in the queue
+        immediately.
         """
         while True:
             target = self.focused or self.screen

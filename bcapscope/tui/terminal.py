@@ -45,8 +45,8 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
         def _sigcont_application(self, *arguments: Any) -> None:
             """Take over the terminal again after SIGCONT. Do nothing if the terminal no longer exists.
 
-            Textual's own method would start a second reading thread and a second writing thread. Textual
-            would later end only one reading thread and one writing thread.
+            Textual's own method would start a second reading thread and a second writing thread. If two
+            reading threads and two writing threads run, Textual ends only one of each.
             """
             if not os.isatty(self.fileno):
                 return

@@ -264,7 +264,7 @@ class CaptureReader(CaptureInput):
                 idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
-                        # while other traffic arrives constantly, the capture never calls `capture.on_idle`
+                        # while packets arrive constantly, the capture never calls `capture.on_idle`
                         if packet[0] >= idle_at:
                             self.on_idle(packet[0])
                             idle_at = packet[0] + _IDLE_INTERVAL
@@ -297,7 +297,7 @@ class CaptureReader(CaptureInput):
 
 
 class _Interrupted(Exception):
-    """Ctrl-C ended reading. Even if Ctrl-C came inside a packet, the capture does not count as incomplete."""
+    """Ctrl-C ended reading. After Ctrl-C, bcapscope does not report an incomplete last packet."""
 
 
 def _is_file(stream: TextIO) -> bool:

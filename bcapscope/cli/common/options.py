@@ -30,8 +30,8 @@ LARGEST_COUNT = 1_000_000_000
 """Maximum number of calls or rounds. At one call every 8 ms, a billion calls take three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Largest value that a numeric option accepts by default. A million ms is a quarter of an hour, and a million
-s is eleven days.
+"""Largest value that a numeric option accepts by default. For an option in ms, this value is 17 minutes. For
+an option in s, this value is eleven days.
 """
 
 
@@ -83,10 +83,10 @@ def added(decorators: Sequence[Decorator]) -> Decorator:
 def bundled(
     parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
-    """Return a decorator that adds options to a command, and passes all their values as one object.
+    """Return a decorator that adds options to a command. The decorator passes the options' values to `make`.
 
-    `make` creates the object from the values. `names` are the names of the options. By default, the options
-    are named after the parameters of `make`.
+    The command gets the result of `make` as its argument `parameter`. `names` are the names of the options.
+    By default, the options are named after the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -197,7 +197,7 @@ language = click.option(
     "words",
     type=click.Choice([each.value for each in Language]),
     callback=_words,
-    is_eager=True,  # processed before other options, whose callbacks may print text in this language
+    is_eager=True,  # click handles --lang first: callbacks of other options print text in the user's language
     help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )

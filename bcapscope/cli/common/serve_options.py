@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ADDRESS = "127.0.0.1:8000"
 _MAX_VIEWERS = 16
-_DRIVER = "TEXTUAL_DRIVER"  # environment variable, set only in the process of a browser page
+_DRIVER = "TEXTUAL_DRIVER"  # environment variable that only a bcapscope process for a browser page has
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,9 @@ def _loopback_address(value: str) -> Endpoint:
         reason = f"{value} is not an IP address with a port. Give one such as {DEFAULT_ADDRESS}"
         raise ValueError(reason) from None
     if not (port.isascii() and port.isdecimal() and len(port) <= 5 and int(port) <= 0xFFFF):
-        raise ValueError(f"{value} has no port from 0 to 65535. Give one such as {DEFAULT_ADDRESS}")
+        raise ValueError(
+            f"{value} does not end with a port from 0 to 65535. Give an address such as {DEFAULT_ADDRESS}"
+        )
     if not address.is_loopback:
         raise ValueError(
             f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "

@@ -73,7 +73,7 @@ class Argument(NamedTuple):
 
 class NumberSpan(NamedTuple):
     """Adjacent numbers in a frame. `start` is the offset of the first number. `code` is the struct format of
-    each number. `repeat` is the count of adjacent numbers.
+    each number. `repeat` says how many numbers are adjacent.
 
     For the data of a UI1 array, `code` is ``s`` and `repeat` is the number of bytes.
     """
@@ -87,11 +87,11 @@ class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
-    C#, Java and Python) ignore an argument's length field. The reader therefore only checks that the length
-    field agrees with the value. If a value has no recognisable end, the reader reads this value a second
-    time, up to the end that its length field gives. After a value without a recognisable end, the reader
-    trusts every length field, as the older C client does. Two values never share a byte, and the reader reads
-    each byte at most twice.
+    C#, Java and Python) ignore an argument's length field. The reader only reports a length field that
+    disagrees with its value. If a value has no recognisable end, the reader reads this value a second time,
+    up to the end that its length field gives. After one value without a recognisable end, the reader reads no
+    later value beyond the end that its length field gives. The older C client trusts every length field. Two
+    values never share a byte, and the reader reads each byte at most twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.
@@ -146,7 +146,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
         if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
             self._trusts_lengths = True
-            variant = EMPTY  # release the memory of the first reading before the second reading
+            variant = EMPTY  # release the memory of the incomplete value before the value is read again
             del self.problems[known:]
             self._numbers_left, self._values_left = left
             self._limit_reached = False

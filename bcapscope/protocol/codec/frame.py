@@ -290,7 +290,7 @@ def encode_frame(
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
     """Encode a frame quickly if its only argument is a short array of numbers, as in a reply to slvMove.
-    Return None for any other `row`.
+    Return None if `row` is not a short array of numbers.
     """
     vt, values, count = row
     if (

@@ -3,7 +3,8 @@ decoded in full.
 
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in the serial, the reserved
 field and the numbers inside their arguments. If a frame has several arguments, the first argument is a
-handle. Every handle has templates of its own, because a session uses only a few handles.
+handle. Frames with different handles have different templates. A session uses only a few handles, so the
+number of templates stays small.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template with one numeric argument: values before the numeric argument, function that inserts its
-numbers, its value in the template, values after the numeric argument.
+"""For a template with one numeric argument: values before the numeric argument, function that inserts numbers
+into the numeric argument, value of the numeric argument in the template, values after the numeric argument.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates of a `FrameTemplates` object. At this limit, the object forgets all templates,
-and learns them again.
+"""Maximum number of templates of a `FrameTemplates` object. At this limit, `FrameTemplates` forgets all its
+templates, and learns templates again.
 """
 
 MAX_SHAPES_PER_LENGTH = 8
-"""Maximum number of `_FrameShape` objects that `FrameTemplates` tries for one frame length."""
+"""Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""
 
 
 class _FrameShape:

@@ -129,7 +129,8 @@ class StreamSplitter:
         """If `data` is exactly one frame, do the same as `feed`, but faster. Most segments of a stream hold
         exactly one frame.
 
-        For other `data`, return None and consume nothing; the program then passes `data` to `feed`.
+        If `data` is not exactly one frame, return None and consume nothing. The caller then passes `data` to
+        `feed`.
         """
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None

@@ -123,8 +123,8 @@ def integer_value(variant: Variant) -> int | None:
     """Return the whole number in a value, such as slvChangeMode's parameter or slvGetMode's result.
 
     Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples) and whole floating-point
-    numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. Returns None for any
-    other value.
+    numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. Returns None if the
+    value is not a whole number in one of these forms.
     """
     value = variant.value
     if isinstance(value, bool):
@@ -143,9 +143,8 @@ def encode_variant(variant: Variant) -> bytes:
     """Encode a VARIANT as type, element count and data. In an argument, a byte length precedes this encoding.
 
     Raises:
-        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. The same error is
-            raised if an array's element count differs from its number of values. It is also raised if arrays
-            are nested deeper than `MAX_NESTING`.
+        LocalProtocolError: b-CAP has no such type, the value does not fit the type, an array's element count
+            differs from its number of values, or arrays are nested deeper than `MAX_NESTING`.
     """
     return _encode(variant, 0)
 

@@ -199,8 +199,8 @@ class _FieldBuilder:
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose sort keys are in a range. `_doubled_place` computes the sort key of a
-        problem.
+        """Return the problems whose sort keys are from `first` to `behind` - 1. The function `_doubled_place`
+        computes the sort key of a problem.
         """
         placed = self._placed
         if not placed:
@@ -291,8 +291,9 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice the problem's offset. The problem of a truncated argument has a
-    sort key that is 1 less, because the problem's offset is already the start of the next argument.
+    """Return a sort key for a problem: twice the problem's offset. If the problem says that an argument is
+    truncated, the sort key is twice the offset minus 1. The smaller key assigns the problem to the truncated
+    argument, not to the next argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

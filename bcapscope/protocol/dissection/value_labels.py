@@ -48,8 +48,8 @@ NO_LABEL = ValueLabel()
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     """Name the elements of slvMove's parameter or result.
 
-    The label of the whole value has an empty name. This function does not know the formats and the slave
-    mode, because earlier calls chose them. The function guesses the names from the number and types of the
+    In the returned label, `name` is empty. This function does not know the formats and the slave mode,
+    because earlier calls chose them. The function guesses the names from the number and types of the
     elements. If the names are guessed, the label's `text` says so.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
@@ -184,7 +184,7 @@ def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
 
 
 def _first_elements(variant: Variant) -> tuple[Variant, ...]:
-    """Return the first four elements of a VARIANT array; () for any other value."""
+    """Return the first four elements of a VARIANT array; () if the value is not a VARIANT array."""
     value = variant.value
     if variant.vt != ARRAY | VT.VARIANT or not isinstance(value, tuple):
         return ()

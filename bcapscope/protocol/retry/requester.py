@@ -49,7 +49,7 @@ class RetryPolicy(NamedTuple):
 
 
 def _is_complete(frame: Frame) -> bool:
-    """Return whether no byte of the frame is missing. A complete frame may still contain wrong bytes."""
+    """Return whether the frame has all its bytes. A complete frame may still contain wrong bytes."""
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
@@ -223,7 +223,7 @@ class Requester:
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
-        """Return the frames to send now, each frame only once."""
+        """Return the frames to send now. Later calls of `data_to_send` do not return these frames."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 

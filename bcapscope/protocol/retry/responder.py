@@ -23,8 +23,8 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
 """Number of replies that a responder stores for its client. A client makes one call at a time, so one stored
-reply is enough if the network keeps packets in order. Older stored replies are for retries that arrive late.
-A UDP reply has at most 503 bytes.
+reply is enough if the network keeps packets in order. The other stored replies serve retries that arrive
+late. A UDP reply has at most 503 bytes.
 """
 
 _SERVICE_START = 1
@@ -64,8 +64,8 @@ class RequestKind(Enum):
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call. The reply to the running call will carry the serial of the retry. A retry
-    of an abandoned call is also `RUNNING`, but never gets a reply.
+    """A retry of the running call. The reply to the running call will carry the serial of the retry.
+    `RUNNING` is also the kind of a retry of an abandoned call, although this retry never gets a reply.
     """
     BUSY = "busy"
     """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""
@@ -106,7 +106,8 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return False if a newer call than `call` has a serial from `call.newest` to `serial`; otherwise True.
+    """Return False if a call newer than `call` has its newest serial between `call.newest` and `serial`, both
+    included; otherwise True.
 
     `calls` lists the newest call first. The function ignores calls older than `call`. An older call with a
     higher serial comes from an earlier program on the same port.
@@ -124,31 +125,31 @@ class Responder:
     `receive_request` classified as new. Over UDP, each address and port counts as a client; over TCP, each
     connection counts as a client. A controller executes the calls of a client one after another.
 
-    In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
-    field is the serial of the first or the previous attempt of the same call. A request belongs to a
-    remembered call if two conditions hold: its reserved field holds the serial of an attempt of this call,
-    and function and arguments are the same. When a retry arrives, the responder adds the retry's serial and
-    reserved field to the serials of the call. If a known serial arrives with other contents, the client has
-    restarted.
+    In a first attempt, the reserved field is 0 or the frame's own serial. In a retry, the reserved field is
+    the serial of the first or the previous attempt of the same call. A request belongs to a remembered call
+    if two conditions hold: its reserved field holds the serial of an attempt of this call, and function and
+    arguments are the same. When a retry arrives, the responder adds the retry's serial and reserved field to
+    the serials of the call. If a known serial arrives with other contents, the client has restarted.
 
     In two cases, a request does not show whether it is a new call or a retry:
 
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) holds the serial of the previous
       attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
       in the reserved field. The retry may belong to a known call, or to a new call with the same contents.
-    * A new program on the port of an earlier program may start with the same serial. A new call may look
-      like a delayed attempt of an earlier call with the same contents. The serial of the earlier call is then
-      equal or slightly higher.
+    * A new program on the port of an earlier program may start with the same serial. If an earlier call with
+      the same contents has an equal or slightly higher serial, the new call looks like a delayed attempt of
+      the earlier call.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
     A request is usually a new call if the responder knows neither its serial nor its reserved field. Under
-    the conventions `CHAIN` and `UNKNOWN`, a request without a known serial may also be a retry. If the
-    responder mistakes a new call for a retry, the controller does not execute the call, and the client gets
-    the earlier reply. The earlier reply may hold an old value, or report a motion that the robot made for the
-    earlier call.
+    the conventions `CHAIN` and `UNKNOWN`, a request may be a retry even if the responder knows neither its
+    serial nor its reserved field. If the responder mistakes a new call for a retry, the controller does not
+    execute the call, and the client gets the earlier reply. The earlier reply may hold an old value, or
+    report a motion that the robot made for the earlier call.
 
-    If a new call reuses a known serial, the responder forgets the calls of the earlier program. The responder
-    stores at most `remembered` calls, so calls of a new program displace the calls of an earlier program.
+    If the responder detects that the client's program has restarted, the responder forgets the calls from
+    before the restart. The responder stores at most `remembered` calls, so calls of a new program displace
+    the calls of an earlier program.
     """
 
     def __init__(
@@ -235,7 +236,7 @@ class Responder:
         return raw
 
     def abandon_call(self) -> None:
-        """End the running call without a reply. Retries of the call get no reply either."""
+        """End the running call without a reply. Later retries of this call get no reply."""
         call = self._running
         assert call is not None, "no call is being executed"
         self._running = None
@@ -317,10 +318,11 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls of an earlier program, which used `serial` for a different call.
+        """Forget the calls that the client made before its program restarted. The client used `serial` before
+        and after the restart, for different calls.
 
-        Keep later calls with serials below `serial`: the client's current program made these calls, and may
-        still retry them.
+        Keep a call if it is newer than the call that used `serial`, and if its serial is below `serial`. The
+        restarted program made this call, and may still retry this call.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
@@ -340,8 +342,8 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Find out which `ReservedConvention` the client uses, if the reserved field is not 0. Under `CHAIN`,
-        a retry holds the serial of the previous attempt.
+        """Find out which `ReservedConvention` the client uses, if the reserved field is not 0. Under the
+        convention `CHAIN`, a retry's reserved field holds the serial of the previous attempt.
         """
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN

@@ -150,7 +150,8 @@ class FormatParameter(NamedTuple):
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
     """Decode the parameter of slvSendFormat or slvRecvFormat: a format number, or an array of a format number
-    and a time unit. Return None for any other value.
+    and a time unit. Return None if the parameter holds no format number, or if its time unit is not a whole
+    number.
     """
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)

@@ -1,6 +1,6 @@
 """Poses: rows of numbers with the names and units of their axes.
 
-DENSO Wave 2009, How to use the Slave mode, documents P and J on RC7. The ROS driver
+Source for the pose types P and J on RC7: DENSO Wave 2009, How to use the Slave mode. The ROS driver
 (DENSORobot/denso_robot_ros2 denso_robot_control) uses poses of 7 (P), 8 (J) or 10 (T) numbers. The ROS driver
 appends one more number to each pose.
 """
@@ -70,8 +70,8 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """Bits of the axes in use, from the number that the ROS driver appends; bit 0 is J1. None if the pose
-        has no such number.
+        """One bit for each axis in use; bit 0 is J1. The ROS driver appends a number with these bits to each
+        pose. None if the pose has no appended number with these bits.
         """
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
@@ -86,8 +86,8 @@ def is_used_axes_mark(number: float) -> bool:
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
     """Return the numbers of a number array, or of a VARIANT array that holds only numbers.
 
-    Clients send such a VARIANT array for a list that mixes integers and floats. Returns None for any other
-    value, including bytes and booleans.
+    Clients send such a VARIANT array for a list that mixes integers and floats. Returns None for bytes, for
+    booleans, and for a value that is not an array of numbers.
     """
     value = variant.value
     if not isinstance(value, tuple):

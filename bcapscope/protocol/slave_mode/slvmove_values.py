@@ -25,7 +25,7 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# types of the poses in a result with two poses (receive formats 4 and 5), by the result's count of numbers
+# Pose types in a result with two poses (receive formats 4 and 5). The key is how many numbers the result has.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
@@ -34,7 +34,7 @@ _POSE_ONLY = (
     POSE_ONLY_FORMAT,
 )  # a tuple, because `in` first compares identities, which is faster than == of dataclasses
 
-_MAX_PARTS = 8  # maximum number of elements to examine, more than any format selects
+_MAX_PARTS = 8  # maximum number of elements to examine; every slvMove format has fewer elements
 
 
 class UserIO(NamedTuple):

@@ -23,8 +23,8 @@ class CallEffect(IntEnum):
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
-    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. Robot_Speed has
-    the weaker effect `CHANGES`, because Robot_Speed affects only the client's own motions.
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. The effect of
+    Robot_Speed is only `CHANGES`, because Robot_Speed affects only the client's own motions.
     """
     MOVES = 4
     """Moves the robot or a hand, starts a program, or may have such an effect."""
@@ -33,7 +33,9 @@ class CallEffect(IntEnum):
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect of each function. `guard` derives the effect of a request from its arguments."""
+"""Strongest effect of each function. To find the effect of one request, call `request_effect`, which also
+reads the arguments of the request.
+"""
 
 
 def function_effect(function_id: int) -> CallEffect:

@@ -42,7 +42,7 @@ class CommandSpec:
         name: Name of the command, spelled as in DENSO's samples.
         parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
         elements: Meaning of the parameter or of its elements in order; empty if unknown.
-        result_types: Possible types of the result; `none` if the reply has no argument; () if unknown.
+        result_types: Possible types of the result; `none` if the reply has no value; () if unknown.
         returns: Meaning of the result; empty if unknown.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
         controllers: Controllers, providers or objects that have the command; empty if unknown.
@@ -89,8 +89,8 @@ def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
 
 
 def command_name(function_id: int, arguments: Sequence[Variant]) -> str | None:
-    """Return the command of an ..._Execute call in the client's spelling. Return None for any other call, or
-    if the second argument is not a string.
+    """Return the command of an ..._Execute call in the client's spelling. Return None if the function is not
+    an ..._Execute function, or if the second argument is not a string.
     """
     if function_id not in COMMAND_FUNCTIONS or len(arguments) < 2:
         return None

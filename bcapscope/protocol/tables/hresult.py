@@ -3,11 +3,11 @@
 A result code is a number of 32 bits at offset 9 of a reply. Some clients print this number as signed, others
 as unsigned; the functions in this module accept both.
 
-Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the error level, and S is the part of the
-controller that reports the error. All 7687 codes in the error list of nkawa/Denso_CobottaPro900_MQTT_Control
-(src/vendor/denso_cobotta/error_list.xlsx) have this form. No source documents how RC7 puts its four-digit
-codes into 32 bits. This module therefore decodes both 0000600B and 8000600B as RC7's 600B, and marks the
-meaning as a guess.
+Codes of RC8 and later controllers have the form 8LSnnnnn in hex digits. Digit L is the error level. Digit S
+is the part of the controller that reports the error. All 7687 codes in the error list of
+nkawa/Denso_CobottaPro900_MQTT_Control (src/vendor/denso_cobotta/error_list.xlsx) have the form 8LSnnnnn. No
+source documents how RC7 puts its four-digit codes into 32 bits. This module therefore decodes both 0000600B
+and 8000600B as RC7's 600B, and marks the meaning as a guess.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def listed_results() -> Iterable[HresultInfo]:
 def result_ranges() -> list[tuple[int, int, str]]:
     """Return the first code, the last code and the English meaning of each listed range of result codes.
 
-    In the meaning, ``{number}`` stands for the low 16 bits of a code.
+    In the text of a meaning, ``{number}`` stands for the low 16 bits of a code.
     """
     return [(first, last, row["text"]) for first, last, row in _RANGES]
 

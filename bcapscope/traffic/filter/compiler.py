@@ -50,7 +50,7 @@ numbers. Therefore hresult >= 0x80000000 selects the same replies as
 hresult < 0. A VT_R4 seldom equals a decimal exactly; compare it with a range.
 
 A comparison is false if the field has no value, or a value of another type.
-The comparisons != and "not in" are false, too, if the field has no value. For
+Even the comparisons != and "not in" are false if the field has no value. For
 example, a request has no hresult, so hresult != S_OK selects only replies.
 The filter not (hresult == S_OK) also selects requests, because a request has
 no hresult. Comparisons with null are different. The comparison field == null
@@ -292,9 +292,9 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Consume a comparison sign and a second field of the same type. Return a function that compares the
-        field on the left of the sign with the field on the right. If other tokens come next, consume nothing
-        and return None.
+        """Parse the rest of a comparison of `subject` with another field, such as `< reserved`. Return a
+        function that tests a record. Consume nothing and return None if no comparison with a field of the
+        same numeric type follows.
         """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):

@@ -52,7 +52,7 @@ class FieldType(Enum):
 
     @property
     def element(self) -> FieldType | None:
-        """Type of the list's elements; None if the type is no list."""
+        """Type of one element, for `VALUE` and the list types; None for all other types."""
         return _ELEMENTS.get(self)
 
 

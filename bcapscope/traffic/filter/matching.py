@@ -58,7 +58,7 @@ def element(value: object, index: int) -> object:
 
 
 def elements(value: object) -> Sequence[object]:
-    """Return the elements of a list; () for any other value. A bytes value is a list of numbers."""
+    """Return the elements of a list; () if the value is not a list. A bytes value is a list of numbers."""
     if type(value) is tuple:
         return value
     value = plain_value(value)

@@ -1,8 +1,9 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
-The offset is the time by which the controller-side clock is ahead of the client-side clock. A frame cannot
-arrive before it was sent, so a request gives an upper bound for the offset. A reply gives a lower bound for
-the offset. The estimated offset is between the tightest upper bound and the tightest lower bound.
+The clock offset is the time by which the controller-side clock is ahead of the client-side clock. Each
+request gives an upper bound for the clock offset, because a request cannot arrive before the client sent it.
+Each reply gives a lower bound for the clock offset, because a reply cannot arrive before the controller sent
+it. The estimated clock offset is between the tightest upper bound and the tightest lower bound.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _STEPS = 60
 """Number of steps of a numerical search. Each step narrows the searched range by at least a third."""
 
 UNKNOWN_ERROR_NS = 1_000_000_000
-"""Uncertainty in ns of an offset for which the traffic gives only one bound."""
+"""Assumed uncertainty in ns of the clock offset if no time segment has both requests and replies."""
 
 
 class ClockEstimate(NamedTuple):
@@ -183,8 +184,8 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Search from `sound` to `bound`. Return the last number at which the concave function `value` is not
-    negative.
+    """Return the number nearest to `bound` at which the concave function `value` is not negative. `value` is
+    not negative at `sound`, where the search begins.
     """
     if value(bound) >= 0:
         return bound

@@ -15,17 +15,17 @@ FEWEST_SHARED = 4
 """Minimum number of frames that two samples of the same conversation have in common."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from a frame in
-the first capture to the same bytes in the second capture. The limit excludes different frames that happen to
-have the same bytes, such as polls with a reused serial.
+"""Maximum difference in ns between one frame's time offset and the median time offset. A frame's time offset
+is its time in the second capture minus its time in the first capture. A larger difference shows two different
+frames with equal bytes, such as polls with a reused serial.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
 """Conditions for joining two captures whose times do not overlap. `SURE_FRAMES` and `SURE_SHARE` are the
 minimum number and the minimum fraction of frames that the two samples have in common. `SURE_SPREAD_NS` is the
 maximum spread of the frames' offsets, ns. The spread is the median of the deviations from the median offset.
-Captures without overlap hold equal frames if a clock was wrong, or if the client executed a program twice.
-The second execution of a program has another client port, other values or other pauses.
+Captures without overlap hold equal frames if a clock was wrong, or if the client executed a program twice. A
+client that repeats a program normally changes its port, the sent values or the pauses between frames.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]

@@ -22,8 +22,8 @@ class CapturePlace(IntEnum):
 class JoinedObservation(Observation):
     """One frame of a conversation that was captured at two places. A sighting is the frame as captured at one
     place. The inherited fields are from the sighting at the client's side. If the client's side lacks the
-    frame, the inherited fields are from the sighting at the controller's side. `flow` is always the flow at
-    the client's side.
+    frame, the inherited fields are from the sighting at the controller's side. The endpoints in `flow` are
+    usually those at the client's side.
 
     Attributes:
         at_client: Sighting at the client's side; None if the frame was not captured there.

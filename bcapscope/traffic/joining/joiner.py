@@ -36,8 +36,8 @@ HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""A conversation counts as direct traffic after this number of answered calls if no other conversation has
-the same requests. A proxy forwards each request to the controller before the client gets the reply.
+"""Number of answered calls after which the joiner stops waiting for another conversation with the same
+requests. A proxy forwards each request to the controller before the client gets the reply.
 """
 
 MAX_NEW = 1024
@@ -119,8 +119,8 @@ class Joiner(LegJoiner):
 
         Args:
             comments: Comments on the latest packets, by packet number.
-            only: If `only` is a place, the joiner joins nothing and returns only the observations from this
-                place. The joiner always returns the observations of a conversation without a second leg.
+            only: The only place whose observations the joiner returns, unjoined; None to join the
+                observations of both places. `only` does not affect conversations without a second leg.
         """
         notes = {} if comments is None else comments
         super().__init__(lambda observation: notes.get(observation.packet, ()))
@@ -272,8 +272,8 @@ class Joiner(LegJoiner):
         """Return the two legs, the client's leg first; None if there is no second leg.
 
         Args:
-            calls: Minimum number of nested calls (see `NestedCalls`) in the two legs; 0 to use
-                `fewest_calls`.
+            calls: Number of nested calls (see `NestedCalls`) that suffices as evidence for two legs; 0 for
+                the number that `fewest_calls` returns.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         waiting = self._waiting_traffic(new.suspects)
@@ -292,8 +292,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the observations in the delivery queue from conversations in `suspects` that already count
-        as direct traffic.
+        """Return the undelivered observations of each conversation in `suspects` that the joiner has already
+        released.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.

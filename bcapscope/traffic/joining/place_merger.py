@@ -37,9 +37,8 @@ class Coverage:
     """Time span that the capture at one place covers.
 
     Attributes:
-        begins: Time of the capture's first packet, ns since 1970; None if the capture began before the
-            traffic.
-        ends: Time of the capture's last packet, ns since 1970; None if the capture ended after the traffic.
+        begins: Time of the capture's first packet, ns since 1970; None for no limit.
+        ends: Time of the capture's last packet, ns since 1970; None for no limit.
     """
 
     begins: int | None = None
@@ -237,7 +236,7 @@ class PlaceMerger:
                 del self._by_bytes[key]
 
     def _find_changed(self, waiting: _Waiting) -> _Waiting | None:
-        """Return the frame at the other place with the same serial and direction, but other bytes."""
+        """Return the waiting frame from the other place that has the serial and direction of `waiting`."""
         direction = waiting.observation.flow.direction
         serial = _serial_of(waiting.observation)
         if serial is None:

@@ -11,8 +11,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
 """Minimum number of nested calls (see `NestedCalls`) for joining two conversations immediately. Two clients
-that start the same program at the same time send the same bytes. Without a proxy, eight successive calls are
-very unlikely to be nested in another client's calls.
+that start the same program at the same time send the same bytes. Without a proxy, two clients are very
+unlikely to produce eight nested calls.
 """
 
 FEWEST_CALLS = 2
@@ -33,9 +33,9 @@ class NestedCalls(NamedTuple):
 
     Attributes:
         calls: Number of nested calls.
-        lag: Sum of the times from each outer request to the equal inner request, ns.
-        is_contradicted: Whether any inner request comes before the equal outer request, or any outer reply
-            comes before the equal inner reply.
+        lag: Total time in ns that requests took from the outer to the inner conversation.
+        is_contradicted: Whether any request came first in the inner conversation, or any reply came first in
+            the outer conversation.
     """
 
     calls: int
@@ -61,8 +61,8 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls (see `NestedCalls`) prove that `outer` and `inner` are the two legs of a
-    proxy. Return None if only one of the two interface names begins with the prefix of its leg.
+    """Return how many nested calls (see `NestedCalls`) suffice to recognise two conversations as the legs of
+    a proxy. Return None if the interface names show that the conversations are not the two legs.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)

@@ -32,8 +32,8 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles in degrees at the start, as VT_R4 values. Source: the position after slvMove in DENSO Wave
-2009, How to use the Slave mode.
+"""Joint angles of the simulated arm at the start, in degrees, as VT_R4 values. DENSO Wave 2009, How to use
+the Slave mode, shows these joint angles as the position after slvMove.
 """
 
 END_TIMEOUT = 2.0

@@ -33,7 +33,7 @@ from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Matches words to search for. Any other text, such as ``serial == 7``, is a filter expression."""
+"""Matches a search text of plain words. A search text with ``=`` or ``(`` is a filter expression."""
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
@@ -88,8 +88,8 @@ def history_filter(text: str) -> RecordFilter:
     """Return a filter for calls.
 
     Args:
-        text: Words that the line of a call must contain, or a filter expression. An empty text selects only
-            the user's own calls.
+        text: Words that the line of a call must contain, or a filter expression. With an
+            empty text, the filter selects only calls whose initiator is the user.
 
     Raises:
         FilterError: The expression is invalid.

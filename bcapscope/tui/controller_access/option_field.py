@@ -20,7 +20,7 @@ AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
 """Names of the providers that bcapscope tries in this order if the user names no provider. The first provider
 is for RC8 and COBOTTA, the second for RC9 and COBOTTA PRO.
 
-An RC7 ignores the provider's name, so the first provider name also works for an RC7.
+An RC7 ignores the provider's name, and therefore accepts the first name in this list.
 """
 
 

@@ -251,9 +251,9 @@ class PlaybackRun:
         """Margin of the controller's buffer, according to a model.
 
         The margin has three values: number of buffer slots, duration of a full buffer (ms), and duration left
-        after the longest pause (ms). The controller in the model takes one set point every 8 ms. The margin
-        is None before the first set point. The margin is also None if an empty buffer is no error in the
-        slave mode.
+        after the longest pause (ms). The controller in the model takes one set point every 8 ms. Before
+        the second set point, the margin of the buffer is None. If the slave mode allows an empty buffer, the
+        margin of the buffer is None.
         """
         mode = None if self.peer is None else self.peer.slave_mode
         progress = self.progress

@@ -262,7 +262,7 @@ class ProxyScreen(ViewsScreen):
                 self._show_bytes(held, held.data)
 
     def _show_bytes(self, held: control.HeldStatus, data: bytes) -> None:
-        """Show the first frame of a held message; `data` is the present or the edited message."""
+        """Show the first frame of a held message. `data` is the message before or after the user's edit."""
         first = next(iter(parse_datagram(data)), None)
         frame = Observation(held.number, 0, 0, held.flow, first, 0) if first is not None else None
         self.query_one(PacketView).show_packet(frame, held.call_kind)

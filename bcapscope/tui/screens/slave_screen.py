@@ -156,9 +156,8 @@ class SlaveScreen(BaseScreen):
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
         self._show_report(lines)
-        self._show_state(
-            lines[-1]
-        )  # the last line is the verdict; in a long report, this line may be out of sight
+        # the last line of a long report, with the result of the pre-flight check, may be out of sight
+        self._show_state(lines[-1])
         is_playable = ready.preflight.is_playable and not self._player_slot.is_playing
         self.query_one("#start", Button).disabled = not is_playable
         app = app_of(self)
@@ -249,8 +248,8 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm. The player process is another client, which takes the arm and
-        enters slave mode itself.
+        """Leave slave mode and release the arm for the player process. The player process is a separate
+        client, which takes the arm and enters slave mode.
         """
         session = self._session
         try:

@@ -212,8 +212,8 @@ class TrafficViews(ViewsScreen):
     def _cursor_moved(self) -> None:
         """Show the frame under the cursor.
 
-        The screen also calls this method directly, so that Textual draws the list and the frame at the same
-        time.
+        The watcher of `cursor` calls `_cursor_moved` before the message `Lines.Moved` arrives, so that
+        Textual draws the list and the frame together.
         """
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()

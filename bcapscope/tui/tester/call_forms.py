@@ -54,8 +54,8 @@ class CommandForm(Vertical):
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Show what the typed command does, and fill in or clear the parameter.
 
-        The form fills in the parameter that the user last sent with the typed command. For a command that
-        the user has not sent yet, the form clears the parameter of the command that the user sent last.
+        The form fills in the parameter that the user last sent with the typed command. If the user
+        has not sent the typed command yet, the form removes the parameter of the command that was sent last.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:

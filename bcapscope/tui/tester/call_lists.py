@@ -143,7 +143,7 @@ class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
         rows = [(each, index) for each in watched for index in range(max(1, len(each.series)))]
         self.show_items([(None, 0), *rows] if rows else [])
-        self.repaint()  # the same variables may have new readings
+        self.repaint()  # values may be new even if the list of variables is unchanged
 
     def item_line(self, item: tuple[WatchedVariable | None, int]) -> str:
         watched, at = item

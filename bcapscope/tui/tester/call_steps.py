@@ -33,7 +33,7 @@ _MAX_NOTICE = 300
 
 
 class CallNotice:
-    """Shows the results of calls that have no result field, as temporary messages."""
+    """Shows the result of a call as a temporary message, if the call does not come from a form."""
 
     def __init__(self, app: BcapApp) -> None:
         self._app = app
@@ -113,8 +113,8 @@ def opening_step(parent: ObjectClass, kind: ObjectClass, name: str, option: str)
 
 
 def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHandle:
-    """Return the selected robot if `kind` is robot. For any other class, return the most recently opened
-    object of this class.
+    """Return the most recently opened object of a class. If `kind` is `ObjectClass.ROBOT`, the selected robot
+    has priority.
     """
     status = session.status
     found = status.robot if kind is ObjectClass.ROBOT else None

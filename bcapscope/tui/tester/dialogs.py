@@ -76,7 +76,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 class RecoveryDialog(ModalScreen[None]):
     """Shows the steps of a recovery after an error. The dialog immediately starts the first step, which reads
-    the errors. The dialog has a button for each later step.
+    the errors. Each recovery step except the first has a button.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]

@@ -36,8 +36,8 @@ class ListPicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Each entry has a name, a text to display and a text to search. The dialog lists an entry if the
-        entry's text to search contains all words that the user typed.
+        """Each entry has a name, a displayed text and a search text. The dialog shows only entries whose
+        search text contains all words that the user typed.
         """
         super().__init__()
         self._title = title

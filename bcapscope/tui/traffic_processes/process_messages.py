@@ -166,7 +166,7 @@ def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
     try:
         data = msgspec.json.encode(message)
     except UnicodeEncodeError:
-        # `msgspec` cannot encode a file name that is not UTF-8; `json` is up to 50 times slower
+        # `json` encodes file names that are not UTF-8, but is up to 50 times slower than `msgspec`
         data = json.dumps(msgspec.to_builtins(message, str_keys=True)).encode()
     write_all(stream, data + b"\n")
     stream.flush()

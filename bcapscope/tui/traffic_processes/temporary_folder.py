@@ -87,7 +87,8 @@ def _is_used(folder: Path) -> bool:
     this process.
     """
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
-    if not number.isdigit() or sys.platform == "win32":  # on Windows, os.kill would end the process
+    # on Windows, os.kill would end the process instead of testing whether the process runs
+    if not number.isdigit() or sys.platform == "win32":
         return True
     try:
         os.kill(int(number), 0)

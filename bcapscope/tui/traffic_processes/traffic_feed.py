@@ -35,8 +35,8 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A problem of the proxy or simulator whose traffic the feed reads. `reason` is "" if the problem is
-    over.
+    """A problem of the proxy or simulator whose traffic the feed reads. If an
+    earlier problem is over, `reason` is "".
     """
 
     reason: str
@@ -120,8 +120,8 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass the latest undelivered update of each kind to `listener` immediately. Another thread passes
-        later updates to `listener`.
+        """Pass the latest undelivered update of each kind to `listener` immediately. Each new
+        update reaches `listener` in the thread that published the update.
         """
         with self._lock:
             self._listener = listener
@@ -178,7 +178,8 @@ class TrafficFeed:
                 return self._generation
             self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
-        with suppress(OSError):  # if the process has just died, the next search starts another process
+        # if the search process has just died, the next call of `search` starts a new search process
+        with suppress(OSError):
             send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
@@ -208,7 +209,8 @@ class TrafficFeed:
         """Notify the reader process that no more traffic will arrive. The reader process still processes the
         remaining data.
 
-        For a proxy, this method does nothing, because the watcher ends when the proxy's relay ends.
+        A feed of a proxy has no reader process, so `stop_reading` does nothing. The proxy's watcher ends when
+        the proxy's relay ends.
         """
         if self._reader is None:
             return

@@ -32,8 +32,8 @@ check.
 """
 
 MAX_UNPROVED = 64
-"""Maximum number of connections that have not yet passed the access check with a request. Beyond this limit,
-the server closes the oldest of these connections.
+"""Maximum number of connections that have not yet passed the access check with a request. For each
+connection above this maximum, the server closes the oldest connection that has not passed the access check.
 
 One browser opens at most six connections.
 """
@@ -167,8 +167,8 @@ class WebServer:
     async def _entry_page(self, request: web.Request) -> web.Response:
         """Set the cookie and send the browser to the secret path, so that the address bar loses the token.
 
-        A meta tag in the page opens the secret path. With a redirect, the browser would not send the cookie
-        after a click on a link in another page.
+        A meta tag in the page makes the browser load the secret path. With an HTTP redirect, the browser
+        would not send the cookie after a click on a link in another page.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -295,7 +295,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Make the web server log each error in one line. This keeps the token out of the log."""
+    """Make the web server log each error in one line, so that the log does not contain the token."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]

@@ -94,8 +94,9 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the key, the name and the number of rows of each view, then the progress. A click on a view opens
-    the view.
+    """Shows the keyboard key, the name and the number of rows of each view. A click on a view opens the view.
+
+    The rest of the bar shows a text about the screen's work, such as the progress of reading.
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}

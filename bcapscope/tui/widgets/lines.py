@@ -187,8 +187,8 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that describes how a line looks. If this text changes, the list draws the line again.
-        Calls of `reset_lines` or `repaint` are not necessary.
+        """Return a text that describes how a line looks. If this text changes, the list draws the line again
+        without a call of `reset_lines` or `repaint`.
         """
         return ""
 
@@ -293,7 +293,7 @@ class ItemList(Lines, Generic[T]):
     """A list of items. When the items change, the cursor stays on the same item."""
 
     def __init__(self, empty: str = "", *, id: str | None = None) -> None:
-        """Create an empty list; `empty` is a label id. An empty list shows this label as its only line."""
+        """Create a list without items. A list without items shows only the label whose id is `empty`."""
         super().__init__(id=id)
         self.items: list[T] = []
         self._empty = empty

@@ -361,7 +361,8 @@ def _byte_at(column: int, per_line: int) -> int | None:
 
 _TREE_AT_LEAST = 48
 """Minimum width of the tree, in columns. The byte view shows 16 bytes per line if at least `_TREE_AT_LEAST`
-columns remain for the tree. In a narrower window, the byte view shows eight bytes per line.
+columns remain for the tree. If fewer columns would remain for the tree, the byte view shows eight bytes per
+line.
 """
 
 

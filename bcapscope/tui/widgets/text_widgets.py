@@ -96,7 +96,7 @@ class CheckedInput(Vertical):
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Check the text again, because its validity can depend on other state."""
+        """Check the text again, because the result of the parser can depend on more than the text."""
         self._check_text(event.value.strip(), self.Entered)
 
     def _check_text(self, text: str, message: type[Typed]) -> None:
