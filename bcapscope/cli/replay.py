@@ -153,7 +153,7 @@ def command(
 
     As server, `replay` sends recorded replies to clients. Each reply comes from the next recorded call that
     has the request's function, command and arguments. Ctrl-C ends the server. In a shell script, end a
-    background `replay` with SIGTERM (kill $!), because background jobs of a shell script ignore Ctrl-C.
+    background `replay` with SIGTERM, as in kill $!. Background jobs of a shell script ignore Ctrl-C.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there

@@ -197,7 +197,7 @@ def _has_method_types(function: Function, arguments: Sequence[Variant]) -> bool:
 
 
 def method_name(function: Function) -> str:
-    """Return the name of the method in `client.remote_objects` that calls a function."""
+    """Return the name of the method in `client.remote_objects` that calls a b-CAP function."""
     if function.releases is not None:
         return "release"
     return _WORD_BREAK.sub("_", function.name.partition("_")[2]).lower()

@@ -285,7 +285,7 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
+    """Computes the statistics of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
     Captures are not always read in chronological order. If the start times of the calls jump back by more

@@ -65,7 +65,7 @@ class RequestKind(Enum):
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
     """A retry of the running call. The reply to the running call will carry the serial of the retry.
-    `RUNNING` is also the kind of a retry of an abandoned call, although this retry never gets a reply.
+    A retry of an abandoned call is also `RUNNING`, but never gets a reply.
     """
     BUSY = "busy"
     """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""

@@ -190,7 +190,9 @@ class FrameList(RecordList[ObservationStore]):
 
 
 class CallList(RecordList[CallStore]):
-    """Shows the calls in a call store. The keys left and right fold and unfold the frames of a call."""
+    """Shows the calls in a call store. The right arrow key unfolds the frames of a call, and the left arrow
+    key folds them.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "unfold(True)", "traffic.unfold", show=False),
