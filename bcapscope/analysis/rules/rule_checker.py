@@ -1,5 +1,5 @@
-"""The base class of all checkers, and the classes for the problems that checkers report and for the reasons of
-refused calls.
+"""The base class of all checkers, with the classes for reported problems and for the reasons of refused
+calls.
 """
 
 from __future__ import annotations
