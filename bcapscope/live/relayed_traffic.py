@@ -15,8 +15,8 @@ from bcapscope.traffic.pipeline import Pipeline
 class RelayedTraffic:
     """Shows and analyses the frames that the decoder finds in the relay's records.
 
-    Frames are shown at once. A frame that only the controller's leg has, such as a dropped reply, is shown
-    when the proxy can no longer forward it.
+    A frame on the client's leg is shown at once. A frame on the controller's leg may still appear on the
+    client's leg. Such a frame is shown only if it does not appear there in time.
     """
 
     def __init__(

@@ -201,7 +201,7 @@ def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None
     increase of the counter column per record.
 
     Each part is a pair of indices: the first record of the part, and the first record after the part. If the
-    counter grows too unevenly, the whole log is the only part, and the median increase is None.
+    counter grows too unevenly, the log is not split, and the median increase is None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

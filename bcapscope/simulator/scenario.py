@@ -1,5 +1,5 @@
-"""Scenarios: the state of a controller, and what goes wrong with the controller. The module reads scenarios
-from YAML and checks them; a scenario never changes.
+"""Scenarios: the state of a controller, and what goes wrong with the controller. This module reads
+scenarios from YAML and checks them.
 
 `read_scenario` reads a scenario, and `bcapscope.simulator.scenario_runner.ScenarioRunner` plays it. In the
 bundled scenarios, durations, limits and times are assumed. The failures in these scenarios happened to users

@@ -35,8 +35,8 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A problem of the proxy or simulator whose traffic the feed reads. If an
-    earlier problem is over, `reason` is "".
+    """A problem of the source of traffic, which is a proxy or a simulator. If an earlier problem is over,
+    `reason` is "".
     """
 
     reason: str
