@@ -163,10 +163,10 @@ class ObservationStore:
         return self._records.refresh()
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        """Return the observation with this number, the kind of its call, and the comments on its packet.
+        """Return an observation by its number, with the kind of its call and the comments on its packet.
 
         Raises:
-            IndexError: No observation has that number.
+            IndexError: No observation has this number.
         """
         record = _frame_decoder.decode(self._records.read_record(number - 1))
         kind = None
