@@ -83,9 +83,8 @@ class CaptureInput:
         self.decoder: PacketDecoder | PlaceDecoder = decoder
         self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(packets_of(captures))
         if len(expanded) > 1:
-            # To save time, bcapscope imports these modules only if there are several captures.
-            from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415
-            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415
+            from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - for several captures
+            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
 
             self.plans = plan_places(expanded, known_ports)
             if self.plans:

@@ -86,8 +86,7 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
     # Flush each line, so that text printed before a kill is not lost.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            # No script has replaced sys.stdout or sys.stderr yet, so `reconfigure` exists.
-            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr] # no script replaced it yet
 
 
 def _limit_memory(size: int) -> None:

@@ -12,7 +12,7 @@ from bcapscope.traffic.call import PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.frame_index import FrameIndex
-from bcapscope.traffic.observation import Direction, Transport
+from bcapscope.traffic.observation import Direction, Observation, Transport
 from bcapscope.traffic.pairing_windows import (
     BUSY_WITHIN_NS,
     EXECUTION_NS,
@@ -26,6 +26,7 @@ from tests.traffic.playbook import (
     OTHER,
     POSE,
     START,
+    Client,
     Script,
     calls_of,
     strays_of,
@@ -75,14 +76,18 @@ def test_a_call_stays_open_while_the_reply_to_the_next_call_may_have_overtaken_i
     assert [each[:2] for each in after] == ["3:"]
 
 
-def test_every_50_ms_a_frame_completes_the_calls_that_have_settled() -> None:
-    script = Script()
-    client = script.client()
-    tracker = Tracker()
+def _two_calls() -> tuple[Client, Tracker, Observation]:
+    """Observe a call, its reply and the client's next call. Return the reply, too."""
+    client, tracker = Script().client(), Tracker()
     tracker.observe(client.ask(0, 1, 1, MOVE))
     reply = client.reply(1, 1)
     tracker.observe(reply)
     tracker.observe(client.ask(8, 2, 2, OTHER))
+    return client, tracker, reply
+
+
+def test_every_50_ms_a_frame_completes_the_calls_that_have_settled() -> None:
+    client, tracker, reply = _two_calls()
     checked = reply.time + 100 * MS - 1
     assert list(tracker.expire(checked)) == []
     early, due = client.reply(150, 2), client.ask(151, 3, 3, MOVE)
@@ -92,13 +97,7 @@ def test_every_50_ms_a_frame_completes_the_calls_that_have_settled() -> None:
 
 
 def test_a_call_settles_soon_once_client_and_server_go_on() -> None:
-    script = Script()
-    client = script.client()
-    tracker = Tracker()
-    tracker.observe(client.ask(0, 1, 1, MOVE))
-    reply = client.reply(1, 1)
-    tracker.observe(reply)
-    tracker.observe(client.ask(8, 2, 2, OTHER))
+    client, tracker, reply = _two_calls()
     assert list(tracker.expire(reply.time + 100 * MS - 1)) == []
     assert summaries(tracker.expire(reply.time + 100 * MS)) == ["1: >1 <2 answered, answered"]
     gone_on = client.ask(200, 3, 3, MOVE)

@@ -67,7 +67,9 @@ class TrafficPublisher:
         frames appear sooner.
         """
         if self._diagnosis is None:
-            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415
+            from bcapscope.tui.traffic_processes.running_diagnosis import (  # noqa: PLC0415 - loads numpy
+                RunningDiagnosis,
+            )
 
             self._diagnosis = RunningDiagnosis(MessageFormatter(Language(self._job.language)))
         return self._diagnosis
