@@ -106,7 +106,9 @@ class ShownTimeouts:
         usual = self._distances.setdefault(call.kind, deque(maxlen=_MAX_DISTANCES))
         usual.extend(distances)
         reply, sent_at = call.reply, call.last_attempt.time
-        if reply is None or reply.time - sent_at <= OVERDUE_TIMEOUTS * SHORTEST_TIMEOUT_NS or call.notices:
+        if reply is None or reply.time - sent_at <= OVERDUE_TIMEOUTS * SHORTEST_TIMEOUT_NS:
+            return 0
+        if any(notice.time <= reply.time for notice in call.notices):  # the client waited longer
             return 0
         timeout = max(*distances, round(median(usual)), SHORTEST_TIMEOUT_NS)
         return sent_at + timeout if reply.time - sent_at > OVERDUE_TIMEOUTS * timeout else 0

@@ -67,6 +67,8 @@ THREE: list[tuple[object, ...]] = [(10, 2, 0, OTHER), (18, 3, 2, OTHER), (26, 4,
         ([*THREE, (41, -4, 0, POSE)], ">3 >>4 >>5 <6 answered, cannot tell"),
         ([*THREE, (45, -4, 0, POSE), (150, 5, 2, OTHER), (151, -5, 0, POSE)], ""),
         ([*THREE, (27, -4, S_EXECUTING), (45, -4, 0, POSE)], ">3 >>4 >>5 ...6 <7 answered, request lost"),
+        # a notice that arrives after the reply did not make the client wait longer for it
+        ([*THREE, (45, -4, 0, POSE), (46, -3, S_EXECUTING)], ">3 >>4 >>5 late<6 ...7 unanswered, reply late"),
         ([(10, 2, 0, OTHER), (45, -2, 0, POSE)], ">3 <4 answered, answered"),
         # without the shortest timeout of all clients, an attempt that a network held back would show 0.1 ms
         ([(10, 2, 0, OTHER), (10.1, 3, 2, OTHER), (13, -3, 0, POSE)], ">3 >>4 <5 answered, cannot tell"),

@@ -187,6 +187,8 @@ def test_the_convention_is_found(profile: Profile, seed: int) -> None:
 @example(Profile(timeout=2, tries=3, loss=0.0, delay=39.0, slow=0.1, restart=0.1), 344356, 0.34375)
 # Here only the whole capture has enough requests to prove that it lacks the replies.
 @example(Profile(timeout=2, tries=1, loss=0.5, copies=0.0, delay=0.5, slow=0.0, restart=0.0), 272, 0.5)
+# Here the reply is late, and a notice of an earlier attempt comes after both the reply and the cut.
+@example(Profile("seed", 1, False, 5, 7, 0.1, 0.0, 39.0, slow=0.1, forgetful=True), 261492241, 0.828125)
 @given(PROFILES, SEEDS, st.floats(0, 1))
 def test_a_capture_that_is_cut_short_gives_the_same_calls_as_far_as_it_goes(
     profile: Profile, seed: int, part: float
