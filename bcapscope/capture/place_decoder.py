@@ -180,7 +180,7 @@ def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, Captur
     error = max(plan.clock.error for plan in group)
     sides: tuple[dict[ConversationEnds, CaptureSide], ...] = ({}, {})
     for ends in dict.fromkeys(ends for plan in group for ends in plan.shared):
-        twins = CapturedTwins(coverage, error, is_relayed=ends[0][1] != ends[1][1])
+        twins = CapturedTwins(coverage, error, ends[0][1] != ends[1][1], ends[0])
         for place in CapturePlace:
             sides[place][ends[place]] = CaptureSide(twins, place)
     return sides

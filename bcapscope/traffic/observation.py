@@ -124,6 +124,8 @@ class Conversation:
             controller; None for any other conversation, or if the capture lacks the second leg.
         capture_side: Place at which the conversation was captured; None unless two captures hold the same
             conversation.
+        joined_as: Conversation to which a joiner assigns the frames of this conversation; None if this
+            conversation keeps its frames. `record_end` records the end in both.
     """
 
     client: Endpoint
@@ -134,6 +136,7 @@ class Conversation:
     interface: str = ""
     controller_leg: Conversation | None = None
     capture_side: CaptureSide | None = None
+    joined_as: Conversation | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
         """Record that the client or the controller closed or reset the connection. Later events are
@@ -142,6 +145,8 @@ class Conversation:
             self.connection_end = ConnectionEnd(by, reset, time)
         elif reset or by is not self.connection_end.by:
             self.connection_end = replace(self.connection_end, both_ended=True)
+        if self.joined_as is not None:
+            self.joined_as.connection_end = self.connection_end
 
     def __repr__(self) -> str:
         return f"Conversation({self.client} > {self.server} {self.transport})"

@@ -10,9 +10,9 @@ import pytest
 
 from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import run_here
-from tests.samples.calls import MS, START
+from tests.samples.calls import CLIENT, MS, SERVER, START
 from tests.samples.files import pcap
-from tests.samples.legs import TwoPlaces, both_ends, both_legs
+from tests.samples.legs import PROXY_NEAR, TwoPlaces, both_ends, both_legs
 
 SECOND = 1000 * MS
 LOST = {3: "request", 5: "reply", 9: "request"}
@@ -70,6 +70,24 @@ def test_what_one_capture_did_not_cover_is_not_lost(tmp_path: Path) -> None:
     assert len(calls) == 200
     assert verdicts(calls) == {3: "cannot tell", 100: "request lost", 196: "cannot tell"}
     assert {call["outcome"] for call in calls} == {"answered"}
+
+
+@pytest.mark.parametrize("later", [0.1, 5])
+def test_the_client_is_named_although_the_capture_at_its_side_begins_later(
+    tmp_path: Path, later: float
+) -> None:
+    places = both_legs()
+    places.poll(200)
+    places.near.packets = [packet for packet in places.near.packets if packet.time > START + later * SECOND]
+    near, far = two_files(tmp_path, places)
+    for paths in ((near, far), (far, near)):
+        calls = json_lines("calls", *paths)
+        assert len(calls) == 200
+        assert {call["client"] for call in calls} == {f"{CLIENT.ip}:{CLIENT.port}"}
+        assert {call["server"] for call in calls} == {f"{PROXY_NEAR.ip}:{PROXY_NEAR.port}"}
+        assert {call["outcome"] for call in calls} == {"answered"}
+        at_controller = json_lines("calls", *paths, "--filter", f"server == {SERVER.ip}")
+        assert len(at_controller) == 200
 
 
 def test_the_same_file_twice_is_one_capture(tmp_path: Path) -> None:

@@ -171,10 +171,17 @@ class Joiner(LegJoiner):
             return
         merger = self._captured_twins.get(twins)
         if merger is None:
-            merger = PlaceMerger(conversation, self._queue.add, self._notes_of, twins)
+            merger = PlaceMerger(
+                _joined_conversation(conversation, side), self._queue.add, self._notes_of, twins
+            )
             self._captured_twins[twins] = merger
-        elif twins.is_relayed and merger.conversation.controller_leg is None:
-            merger.conversation.controller_leg = conversation
+        joined = merger.conversation
+        if side.place is CapturePlace.CONTROLLER_SIDE:
+            if twins.is_relayed and joined.controller_leg is None:
+                joined.controller_leg = conversation
+        elif joined is not conversation:
+            conversation.joined_as = joined
+            joined.connection_end = conversation.connection_end
         self.passing = set()
         self._mergers[conversation] = merger, side.place
         self._merge(observation)
@@ -350,3 +357,11 @@ class Joiner(LegJoiner):
 
     def _update_passing(self) -> None:
         self.passing = self._single_flows if self.is_idle and not self._new else set()
+
+
+def _joined_conversation(first: Conversation, side: CaptureSide) -> Conversation:
+    """Return the conversation at the client's side, of which `side` was captured first."""
+    ends = side.twins.client_ends
+    if side.place is CapturePlace.CLIENT_SIDE or ends is None:
+        return first
+    return Conversation(*ends, first.server_evidence)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
 
+from bcapscope.traffic.joining.frame_sample import ConversationEnds
 from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, join_sightings
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
@@ -55,11 +56,13 @@ class CapturedTwins:
         coverage: When the captures at the client's and at the controller's side began and ended.
         clock_error: Uncertainty of the difference between the clocks of both captures, ns.
         is_relayed: Whether a proxy is between the places.
+        client_ends: Addresses at the client's side; None if unknown.
     """
 
     coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage())
     clock_error: int = 0
     is_relayed: bool = True
+    client_ends: ConversationEnds | None = None
 
 
 LEGS_OF_PROXY = CapturedTwins()

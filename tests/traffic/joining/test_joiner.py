@@ -6,8 +6,10 @@ import pytest
 
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.joining import joiner as joiner_module
+from bcapscope.traffic.joining.frame_sample import ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
+from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, Coverage
 from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from tests.traffic.joining.two_places import START_SERVICE, ProxiedScript
@@ -384,3 +386,28 @@ def test_a_reply_that_is_left_when_the_proxy_closes_the_connection_was_not_deliv
     client.near.conversation.record_end(Direction.RESPONSE, reset=False, time=closed_at)
     call = script.calls()[4]
     assert (call.reply, len(call.lost_replies), call.outcome) == (None, 1, Outcome.UNANSWERED)
+
+
+@pytest.mark.parametrize("ends_before_first_frame", [False, True])
+def test_the_end_of_the_connection_is_known_although_the_other_capture_began_first(
+    ends_before_first_frame: bool,
+) -> None:
+    script = ProxiedScript()
+    client = script.proxied_client(transport=Transport.TCP)
+    near, far = client.near.conversation, client.far.conversation
+    twins = CapturedTwins((Coverage(START + 5 * MS), Coverage()), client_ends=ends_of(near))
+    near.capture_side = CaptureSide(twins, CapturePlace.CLIENT_SIDE)
+    far.capture_side = CaptureSide(twins, CapturePlace.CONTROLLER_SIDE)
+    client.far.ask(0, 1, 0, MOVE)
+    client.far.reply(1, 1)
+    client.calls(8, 3, MOVE, 2)
+    if ends_before_first_frame:
+        near.record_end(Direction.REQUEST, reset=True, time=START)
+    calls = script.calls()
+    if not ends_before_first_frame:
+        near.record_end(Direction.REQUEST, reset=True, time=START)
+    (conversation,) = {call.conversation for call in calls}
+    assert len(calls) == 4
+    assert (conversation.client, conversation.server) == (near.client, near.server)
+    assert conversation.controller_leg is far
+    assert conversation.connection_end == near.connection_end is not None
