@@ -1,7 +1,6 @@
 """The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
-The process has one thread and no event loop. The process reads the user's orders, such as stop, from standard
-input and writes messages to standard output. Standard error is for Python's own error messages.
+One thread, without an event loop, reads orders from standard input and writes messages to standard output.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ from bcapscope.protocol.codec.variant import Value
 
 
 def main() -> None:
-    """Read a plan from standard input, and play the trajectory in it."""
     messages = os.dup(1)
     os.dup2(2, 1)  # text that a module prints must not mix with the messages
     pipe = PlayerPipe(0, messages)
@@ -86,9 +84,7 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the recording. Call `read_records`, and write the resulting records to `log`. Return the message
-    that ends the play.
-    """
+    """Write the recording and, if there is a `log`, the records that `read_records` returns."""
     reasons: list[Message] = []
     try:
         recorder.save_capture(channel)

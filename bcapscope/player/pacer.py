@@ -59,13 +59,10 @@ OVERFLOW_DELAY = 1_000_000
 """Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""Maximum number of times that the pacer sends one set point: enough to wait eight periods for room in the
-buffer.
-"""
+"""How often one set point is sent at most: enough to wait eight periods for room in the buffer."""
 
 MIN_PERIOD_SHARE = 0.98
-"""Minimum average time between set points, as a share of the period. The margin of 2 % exceeds clock errors.
-"""
+"""Minimum average time between set points, as a share of the period; 2 % exceeds clock errors."""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
@@ -75,12 +72,9 @@ because other programs have filled the processor's caches.
 """
 
 _MOTION_ERRORS = 0x8420
-"""Upper 16 bits of the result codes that late set points can cause: the buffer ran empty, or an axis was too
-fast."""
+"""Upper 16 bits of codes that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Number of recent gaps between set points that the pacer keeps, to explain a refused set point. No
-controller's buffer holds more set points than this number.
-"""
+"""Gaps that are kept to explain a refused set point. No controller's buffer holds more set points."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -157,7 +151,6 @@ class Pacer:
 
     @property
     def counts(self) -> PlayCounts:
-        """Counts so far: how many set points were sent, answered late, repeated and so on."""
         unanswered = max(0, self._sent - self._answered - self._pending)
         return PlayCounts(
             self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
@@ -175,9 +168,7 @@ class Pacer:
             due = self._play_point(self._move.arguments(point), due)
 
     def _play_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        """Send a set point; repeat the set point while the controller's buffer is full. Return the deadline
-        of the next set point.
-        """
+        """Send a set point, repeatedly while the controller's buffer is full. Return the next deadline."""
         for _ in range(MAX_REPEATS):
             sent = self._send_point(arguments, due)
             due = self._adjusted_deadline(due, sent)
@@ -224,7 +215,6 @@ class Pacer:
         return sent
 
     def _wait_until(self, due: int) -> None:
-        """Wait for a deadline; during a long wait, call `on_idle` regularly."""
         link = self._caller.link
         while (now := link.now()) < due - 2 * PERIOD_NS:
             link.wait_until(now + PERIOD_NS)
@@ -232,7 +222,6 @@ class Pacer:
         link.wait_until(due)
 
     def _await_reply(self, due: int) -> RequesterOutcome:
-        """Wait for the reply, for a time that depends on the slave mode."""
         caller, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
@@ -255,11 +244,10 @@ class Pacer:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count the outcome of a call. Return the result code of the call, or None if no reply arrived in
-        time.
+        """Count the outcome of a call. Return its result code, or None if no reply arrived in time.
 
-        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows that
-        the controller refused an earlier set point.
+        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply is a
+        refusal.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -280,8 +268,7 @@ class Pacer:
         return code
 
     def _refusal_error(self, code: int) -> ControllerError:
-        """Make the error for a refused set point. If late set points may be the cause, the error names the
-        longest gap."""
+        """If late set points may be the cause, the error names the longest gap."""
         meaning = describe_hresult(code).meaning
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
             gap, late, reply = (f"{each / 1e6:.1f}" for each in max(self._recent_gaps))
@@ -323,9 +310,7 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return `sent` if the set point was sent more than half a period after `due`, else return `due`. The
-        next deadline is one period after the returned time.
-        """
+        """Return `sent` if the set point was sent more than half a period after `due`, else `due`."""
         if sent - due <= self._move.period // 2:
             return due
         self._shifted += 1
@@ -346,12 +331,11 @@ class Pacer:
 
 
 class _Throttle:
-    """Limits the rate of set points if the controller sets the pace.
+    """Limits the rate of set points if the controller sets the pace: a burst, then on average one per period.
 
-    The throttle allows a burst: two more set points than the buffer has slots. After the burst, the average
-    rate is at most one set point per period. A controller that confuses two slave modes may answer at once,
-    although the reply should wait for room in the buffer. Without the throttle, early replies would make the
-    pacer send the whole trajectory in an instant.
+    The burst is two more set points than the buffer has slots. A controller that confuses two slave modes may
+    answer at once, although the reply should wait for room in the buffer. Without the throttle, the pacer
+    would then send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:
@@ -365,5 +349,4 @@ class _Throttle:
         return self._next_at - self._allowance
 
     def count_sent(self, now: int) -> None:
-        """Count a set point that was sent at `now`, in ns."""
         self._next_at = max(self._next_at, now) + self._period

@@ -33,12 +33,9 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 
 EXTRACT_FORMAT = "bcapscope trajectory 1"
-"""Format name that `extract` writes."""
 
 MAX_VALUES = 1_500_000
-"""Maximum number of values in a JSON or YAML file: enough for 28 minutes with six joints and a time every 8
-ms. A value takes up to 72 bytes of memory, so the values take up to 110 MB.
-"""
+"""Enough for 28 minutes with six joints and a time every 8 ms. The values take up to 110 MB of memory."""
 
 TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
@@ -52,10 +49,8 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
-
-    A JSON file is one document. ROS messages use only one of the `options`: the pose type, which must be J or
-    None.
+    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none. ROS
+    messages use only the pose type of the `options`, which must be J or None.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -113,9 +108,7 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield each object that looks like a JointTrajectory. Search each node of a YAML document only once,
-    even if aliases repeat the node.
-    """
+    """Yield each object that looks like a JointTrajectory. Search nodes that aliases repeat only once."""
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -168,9 +161,8 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the indices of J1, J2 and so on in `names`, and notes for the user. The joints are ordered by
-    the numbers in their names. If the names contain no usable numbers, the joints stay in the order of the
-    message.
+    """Return the indices of J1, J2 and so on in `names`, by the numbers in the names or, if these are not
+    usable, in the order of the message.
     """
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
@@ -234,7 +226,6 @@ def read_yaml(data: bytes) -> Iterator[object]:
 
 
 def _build_document(events: Iterator[yaml.Event]) -> object:
-    """Build one document from the parser's events, without recursion."""
     roots: list[object] = []
     # each unfinished list or dictionary, and the dictionary key that still needs a value
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]
