@@ -27,9 +27,7 @@ def interrupt_on_end_signals() -> None:
 
 
 def run_interruptible(work: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine.
-
-    SIGTERM and SIGHUP cancel the coroutine at an `await`. The coroutine can then release its resources.
+    """Run a coroutine. SIGTERM and SIGHUP cancel it at an `await`, so that it can release its resources.
 
     Raises:
         KeyboardInterrupt: A signal cancelled the coroutine.
@@ -68,10 +66,9 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket. Each signal arrives as a byte with
-    the signal's number.
+    """Deliver Ctrl-C, SIGTERM and SIGHUP as bytes with the signal's number, through a non-blocking socket.
 
-    A signal that arrives through the socket cannot end the program between two steps that belong together.
+    Such a signal cannot end the program between two steps that belong together.
 
     Raises:
         FileWriteError: The process has no file descriptors left.

@@ -1,6 +1,4 @@
-"""A capture for Wireshark: a command of bcapscope records to Wireshark's pipe until Wireshark ends the
-capture.
-"""
+"""A capture for Wireshark: a command of bcapscope records to a pipe until Wireshark ends the capture."""
 
 from __future__ import annotations
 
@@ -69,9 +67,8 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
     """Run a command that records to `pipe`, until the queue `ends` receives a reason to end the capture.
 
-    The command runs in a child process, so that Wireshark does not read the command's standard error. If
-    Wireshark read the command's messages, Wireshark would show the messages as errors. The first signal ends
-    the command gracefully. Further signals have no effect.
+    A child process is needed because Wireshark would show the command's messages on standard error as errors.
+    The first signal ends the command gracefully; further signals have no effect.
 
     Raises:
         CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.

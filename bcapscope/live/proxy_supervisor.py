@@ -52,9 +52,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.rule_policy import RulePolicy
 
 RING_SIZE = 32 << 20
-"""Size of the ring in bytes. The ring holds about 20 s of traffic of four robots that each get one set point
-per ms.
-"""
+"""Size of the ring in bytes: about 20 s of traffic of four robots with one set point per ms each."""
 
 _MAX_DESCRIPTORS = 1024
 """Requested limit of open file descriptors. A TCP client needs two descriptors. A UDP client needs one."""
@@ -63,13 +61,9 @@ _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
-"""After the relay has ended, the watcher must end within this time in seconds."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
-"""Maximum time in seconds for closing the sessions that UDP clients left open.
-
-The time is limited because an unreachable controller does not reply to the closing requests.
-"""
+"""Maximum time in seconds for closing sessions, because an unreachable controller does not reply."""
 
 _TOTALS_WITHIN = 0.5
 """Maximum time in seconds for printing the totals at the end."""
@@ -82,9 +76,7 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """Runs the relay, and starts and ends the watcher process. A control socket or scripts may use `relay`
-    before it runs.
-    """
+    """Runs the relay, and starts and ends the watcher process. `relay` may be used before it runs."""
 
     def __init__(
         self,
@@ -96,9 +88,8 @@ class ProxySupervisor:
     ) -> None:
         """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`.
 
-        Raises:
-            FileWriteError: The memory shared with the watcher cannot be allocated, or the operating system
-                cannot wait for several file descriptors.
+        Raises FileWriteError if the memory shared with the watcher, or the means to wait for descriptors, is
+        missing.
         """
         self._options = options
         self._words = MessageFormatter(options.view.language)
@@ -126,8 +117,7 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen for clients, and return the address. The relay removes a UDP client that was silent for
-        `forget_after` ns.
+        """Listen for clients. The relay removes a UDP client that was silent for `forget_after` ns.
 
         Raises:
             ProxyListenError: The proxy cannot listen on this address.
@@ -188,8 +178,7 @@ class ProxySupervisor:
     def run(self, on_ready: Callable[[], None]) -> None:
         """Accept clients, call `on_ready`, and forward traffic until the proxy must end. Then shut down.
 
-        Raises:
-            KeyboardInterrupt: A signal arrived before the proxy started.
+        Raises KeyboardInterrupt if a signal arrived before the proxy started.
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
@@ -271,9 +260,7 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory. The memory is freed when all processes that use it have
-        ended.
-        """
+        """Remove the name of the shared memory, which is freed when all its users have ended."""
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
@@ -364,9 +351,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions that UDP clients left open. Sessions in which a robot may still move are closed
-        first.
-        """
+        """Close the sessions that UDP clients left open, first those in which a robot may still move."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -388,9 +373,7 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals report
-    that the other end was closed.
-    """
+    """Return whether the descriptor is of a kind that reports when the other end was closed."""
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 

@@ -33,10 +33,7 @@ def reachability(host: str) -> Message:
 
 
 class ServerRunner:
-    """Runs a server for a command, and writes its log and its recording."""
-
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Prepare the output. If `quiet` is True, calls are not logged."""
         self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
@@ -99,10 +96,9 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Log lines for stdout. Each line is formatted after the client got its reply, and written within
-    `_FLUSH_AFTER_NS` ns.
+    """Log lines for stdout, formatted after the reply and written within `_FLUSH_AFTER_NS`.
 
-    If a call is refused, the reason is printed to stderr, even if calls are not logged.
+    The reason of a refusal is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -128,9 +124,6 @@ class ServerCallLog:
             self._pending.append(f"# {self._words.text(note)}")
 
     def flush_if_due(self) -> None:
-        """Format the pending entries, and write them if the last write was more than `_FLUSH_AFTER_NS` ns
-        ago.
-        """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:
             self.flush()

@@ -30,9 +30,7 @@ _MESSAGES_WITHIN = 0.5
 """Maximum time in seconds that `close` spends on writing the remaining messages."""
 
 _WRITE_SIZE = 4096
-"""Maximum number of bytes in one write. A pipe accepts a write of up to this size completely, or not at all
-(PIPE_BUF of Linux).
-"""
+"""A pipe accepts a write of up to this size completely, or not at all (PIPE_BUF of Linux)."""
 
 ERASE_LINE = "\r\x1b[K"
 """Erases the status line."""
@@ -48,7 +46,6 @@ class TerminalWriter:
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start the threads. `words` turns each `Message` into text."""
         self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()

@@ -1,8 +1,7 @@
 """The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-The session and the screen have separate event loops. Drawing the screen therefore delays no call, and does
-not count in measured round trips. The coroutines of this module run in the event loop of the session. The
-screen starts these coroutines with `run_in_loop`.
+The session has its own event loop, so that drawing the screen delays no call and does not count in measured
+round trips. The screen starts the coroutines of this module with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -56,10 +55,7 @@ CLOSE_TIMEOUT = 8.0
 """Maximum time in seconds that `close` waits until the session has released all objects."""
 
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
-"""Timeout in ns and maximum number of retries of each call that releases an object.
-
-The timeout and the number of retries are small, so that `close` is fast if the controller does not respond.
-"""
+"""Short timeout (ns) and few retries, so that `close` is fast if the controller does not respond."""
 
 
 class NotConnectedError(BcapError):
@@ -74,10 +70,8 @@ class ControllerSession:
     """The Tester's connection to a controller. All calls of the Tester use this class.
 
     Attributes:
-        status: State that the screen shows. Any thread may read the status, because each change replaces the
-            whole object.
-        polling_paused: True while the session makes no automatic reads, because they might end another
-            client's slave mode.
+        status: State that the screen shows. Any thread may read it, because changes replace the whole object.
+        polling_paused: Whether automatic reads stop, because they might end another client's slave mode.
     """
 
     def __init__(
@@ -86,12 +80,8 @@ class ControllerSession:
         log_folder: Path,
         tap: Callable[[Observation], None] = lambda seen: None,
     ) -> None:
-        """Create a session without a connection.
-
-        Args:
-            report: Function that a thread of this session calls with every update.
-            tap: Function that a thread of this session calls with every packet. The function must not block
-                or raise exceptions.
+        """A thread of this session calls `report` with every update, and `tap` with every packet. `tap` must
+        not block or raise exceptions.
         """
         self.report = report
         self._tap = tap
@@ -109,9 +99,7 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop. If the waiting task is cancelled, the coroutine is
-        cancelled too.
-        """
+        """Run a coroutine in this session's loop. If the waiting task is cancelled, so is the coroutine."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
     def pause_polling(self, paused: bool) -> None:
@@ -121,10 +109,7 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Release all objects within `CLOSE_TIMEOUT` seconds and end the session's thread.
-
-        Do not call this method from the session's own thread.
-        """
+        """Release all objects within `CLOSE_TIMEOUT` and end the thread. Call this from another thread."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
@@ -146,11 +131,7 @@ class ControllerSession:
     # The connection.
 
     async def open_link(self, target: ControllerTarget) -> None:
-        """Open the UDP or TCP link to a controller, without sending b-CAP frames.
-
-        Raises:
-            OSError: The controller cannot be reached.
-        """
+        """Open the UDP or TCP link, without sending b-CAP frames. Raises OSError."""
         await self.disconnect()
         opened = open_target_session(target, observer=self._on_packet, listener=self._recorder.on_event)
         session = await self._stack.enter_async_context(opened)
@@ -209,8 +190,7 @@ class ControllerSession:
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Make a call and return its record. Return the record even if the controller refuses the call or
-        does not answer.
+        """Make a call and return its record, even if the controller refuses it or does not answer.
 
         Raises:
             NotConnectedError: No connection is open.
@@ -231,11 +211,10 @@ class ControllerSession:
         return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
-        """Send bytes unchanged and wait for the reply. Return a `HistoryRecord` of the bytes and the reply.
+        """Send bytes unchanged, wait for the reply, and return a record of both.
 
         Raises:
-            NotArmedError: The user has not armed, but the bytes need arming. Bytes that are not an intact
-                frame always need arming.
+            NotArmedError: The user has not armed. Bytes that are not an intact frame always need arming.
             NotConnectedError, ConnectionError: See `call`.
         """
         session = self.opener.session
@@ -291,12 +270,9 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run a coroutine that makes calls, until it ends or one of its calls fails.
+        """Run a coroutine that makes calls, until it ends or a call fails, and return the latest record.
 
-        Return the record of the latest call.
-
-        Raises:
-            NotArmedError, LocalProtocolError, ConnectionError: See `call`.
+        Raises NotArmedError, LocalProtocolError and ConnectionError as `call` does.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)
