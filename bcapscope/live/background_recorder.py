@@ -124,10 +124,7 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode and write the waiting packets within `_ENDS_WITHIN` seconds each, and close the file.
-
-        Return whether the capture is complete.
-        """
+        """Encode and write the waiting packets within `_ENDS_WITHIN` each. Return whether none was lost."""
         self._make_packets(round(_ENDS_WITHIN * 1e9))
         self._is_closing.set()
         self._has_work.set()

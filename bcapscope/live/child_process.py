@@ -111,9 +111,7 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output, from which the line with the addresses was already read. Your
-        code must read and close this stream.
-        """
+        """Return the command's standard output, after the line with the addresses. The caller closes it."""
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
@@ -127,10 +125,8 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """If the command ends unexpectedly, call `on_end` with its last line, or with "" if a signal killed
-        it.
-
-        If the command has already ended, this method calls `on_end` at once, else another thread calls it.
+        """If the command ends unexpectedly, call `on_end` with its last line, or "" if a signal killed it.
+        This happens at once if the command has already ended, else in another thread.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

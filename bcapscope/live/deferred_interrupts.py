@@ -39,11 +39,8 @@ class DeferredInterrupts:
         return found
 
     def do_while_waiting(self, work: Callable[[], object]) -> None:
-        """Call `work` while `read` waits for input. If the user presses Ctrl-C meanwhile, Ctrl-C takes effect
-        after `work`.
-
-        Raises:
-            KeyboardInterrupt: The user pressed Ctrl-C during `work`. `read_or_stop` handles this exception.
+        """Call `work` while `read` waits for input. After `work`, raise KeyboardInterrupt, which
+        `read_or_stop` handles, if the user pressed Ctrl-C meanwhile.
         """
         self._is_waiting = False
         work()

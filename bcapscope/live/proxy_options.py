@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """The relay sends `BEGIN`, and the watcher answers `READY`. The relay sends `CLOSE_SESSIONS`, and the watcher
-answers with a JSON list of `ClosingRequests`. Any other message from the relay is advice, which the watcher
-adds when it warns of a slow proxy.
+answers with a JSON list of `ClosingRequests`. Any other message is advice for warnings of a slow proxy.
 """
 
 INCOMPLETE = 6
@@ -34,11 +33,10 @@ INCOMPLETE = 6
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """Frames that the proxy sends to close a session, if a UDP client left this session open. The proxy sends
-    each frame after the reply to the previous frame.
+    """Frames that close a session that a UDP client left open, each sent after the reply to the previous one.
 
-    `open_state` is an encoded message (see `encode_message`). The message says whether the client left slave
-    mode on, kept the arm, or both. If the client left only open handles, `open_state` is b"".
+    `open_state` is an encoded message (see `encode_message`) that says whether the client left slave mode on
+    or kept the arm; b"" if it left only open handles.
     """
 
     client: int

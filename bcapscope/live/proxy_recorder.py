@@ -51,9 +51,7 @@ class ProxyRecorder:
     """Converts the relay's records into packets, sorts them by time, and writes them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """If `keeps_packet_numbers` is True, the recorder keeps all packet numbers until your code reads them
-        with `next_packet_numbers`.
-        """
+        """With `keeps_packet_numbers`, numbers are kept until `next_packet_numbers` returns them."""
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
         self._record_count = self._numbers_given = 0

@@ -86,10 +86,8 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`.
-
-        Raises FileWriteError if the memory shared with the watcher, or the means to wait for descriptors, is
-        missing.
+        """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`. Raises
+        FileWriteError if the shared memory or the relay's means to wait cannot be created.
         """
         self._options = options
         self._words = MessageFormatter(options.view.language)
@@ -177,7 +175,6 @@ class ProxySupervisor:
 
     def run(self, on_ready: Callable[[], None]) -> None:
         """Accept clients, call `on_ready`, and forward traffic until the proxy must end. Then shut down.
-
         Raises KeyboardInterrupt if a signal arrived before the proxy started.
         """
         self._raise_if_ended()
@@ -219,9 +216,7 @@ class ProxySupervisor:
         _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait until the watcher has printed its summary, then release all resources. Another signal ends the
-        wait.
-        """
+        """Wait until the watcher has printed its summary or a signal arrives, then release all resources."""
         if self._wakefulness is not None:
             self._wakefulness.allow_deep_sleep()
         for port in self._ports:  # `run` was not called, so the relay does not own the listeners
@@ -323,11 +318,8 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
-        sessions. A closed pipe means that the watcher has ended.
-
-        This method never waits for a message. If the method waited for a message that was already read, the
-        relay and the watcher would block each other.
+        """Read the requests that close sessions, if they have arrived. A closed pipe means that the watcher
+        has ended. Never wait: if the message was already read, relay and watcher would block each other.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -396,9 +388,7 @@ def _print_aside(text: str) -> threading.Thread:
 
 
 def _shared_memory(size: int) -> SharedMemory:
-    """Create shared memory, filled with zeros. Allocate all pages now, because a process is killed if a page
-    cannot be allocated later.
-    """
+    """Allocate all pages now, because a process is killed if a page cannot be allocated later."""
     try:
         if sys.platform != "win32":
             # If the proxy is killed, Python's resource tracker frees the memory.

@@ -77,9 +77,7 @@ _RECORDS_AT_ONCE = 128
 _RECORDS_PER_YIELD = 32
 """Number of records that the watcher writes to the recording before it yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Number of decoded frames before the watcher yields the processor. To yield takes a quarter of the time that
-decoding a frame takes.
-"""
+"""Number of frames. To yield the processor takes a quarter of the time that decoding a frame takes."""
 
 _CATCHES_UP_WITHIN = 10.0
 """Maximum time in seconds for decoding, but not for recording, the rest after the relay has ended."""
@@ -98,11 +96,9 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
                 Recorder(options.record, screen.show, options.ring),
                 keeps_packet_numbers=subscriber is not None,
             )
-    except FileWriteError as error:
-        relay.send_bytes(encode_message(error.reason))
-        return False
-    except OSError as error:
-        relay.send_bytes(encode_message(os_reason(error)))
+    except (FileWriteError, OSError) as error:
+        reason = error.reason if isinstance(error, FileWriteError) else os_reason(error)
+        relay.send_bytes(encode_message(reason))
         return False
     shared = SharedMemory(memory)
     assert shared.buf is not None
@@ -227,9 +223,7 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether the watcher may pause with undecoded records in the ring: only if new traffic
-        arrives, the ring has space, and no record is too old.
-        """
+        """Return whether new traffic arrives, the ring has space, and no undecoded record is too old."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (

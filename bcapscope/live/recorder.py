@@ -25,8 +25,7 @@ class Recorder:
     ) -> None:
         """Create the file. In a ring, each file name contains a number and a time. `warn` must not block.
 
-        Raises:
-            FileWriteError: The file exists already, or cannot be written.
+        Raises FileWriteError if the file exists already, or cannot be written.
         """
         try:
             self.files = RotatingRecording(path, ring)

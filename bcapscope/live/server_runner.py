@@ -64,12 +64,10 @@ class ServerRunner:
     ) -> None:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
-        The priority is needed because the simulated controller must keep its cycle of 8 ms. In a test with
-        six busy processes on two processors, three of five runs of `play` failed without this priority,
-        because the simulator received set points too late.
+        The simulated controller must keep its cycle of 8 ms. In a test with six busy processes on two
+        processors, three of five runs of `play` failed without this priority.
 
-        `serve` calls `on_readable` with each readable descriptor of `watched`. `on_readable` may also change
-        `watched`.
+        `on_readable` gets each readable descriptor of `watched`, and may change `watched`.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):

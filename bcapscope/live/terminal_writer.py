@@ -1,6 +1,4 @@
-"""Writes to a terminal from separate threads. If output to the terminal is stopped, for example by Ctrl-S,
-only the writing threads wait.
-"""
+"""Writes to a terminal from separate threads, which alone wait if it is stopped, for example by Ctrl-S."""
 
 from __future__ import annotations
 

@@ -25,12 +25,7 @@ from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.live.controller.arming_state import ArmingState
 from bcapscope.live.controller.halt_connection import HaltConnection, HaltState, HaltUpdate
-from bcapscope.live.controller.history_record import (
-    HistoryRecord,
-    Initiator,
-    RecordOutcome,
-    error_reason,
-)
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome, error_reason
 from bcapscope.live.controller.history_recorder import INITIATOR, HistoryRecorder
 from bcapscope.live.controller.reply_monitor import ReplyMonitor
 from bcapscope.live.controller.session_updates import (
@@ -80,9 +75,7 @@ class ControllerSession:
         log_folder: Path,
         tap: Callable[[Observation], None] = lambda seen: None,
     ) -> None:
-        """A thread of this session calls `report` with every update, and `tap` with every packet. `tap` must
-        not block or raise exceptions.
-        """
+        """Threads of this session call `report` and `tap`. `tap` must not block or raise exceptions."""
         self.report = report
         self._tap = tap
         self.action_log = ActionLog(log_folder, "tui", self._on_log_error)
@@ -194,8 +187,7 @@ class ControllerSession:
 
         Raises:
             NotConnectedError: No connection is open.
-            NotArmedError: The call may energise or move the robot, and the user has not armed. Nothing was
-                sent.
+            NotArmedError: The call needs arming, and the user has not armed. Nothing was sent.
             LocalProtocolError: The call cannot be encoded. Nothing was sent.
             ConnectionError: The link is lost.
         """
@@ -270,9 +262,8 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run a coroutine that makes calls, until it ends or a call fails, and return the latest record.
-
-        Raises NotArmedError, LocalProtocolError and ConnectionError as `call` does.
+        """Run a coroutine until it ends or a call fails, and return the latest record. Raises NotArmedError,
+        LocalProtocolError and ConnectionError as `call` does.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)
@@ -336,25 +327,16 @@ class ControllerSession:
         self._record_packet(observation, Initiator.USER if is_halt else Initiator.SCREEN)
 
     def _record_packet(self, observation: Observation, initiator: Initiator) -> None:
-        is_request = observation.flow.direction is Direction.REQUEST
-        (self.reply_monitor.on_request if is_request else self.reply_monitor.on_received)(self.now())
-        self._log_packet(observation, initiator)
-        self._tap(observation)
-
-    def _log_packet(self, observation: Observation, initiator: Initiator) -> None:
-        """Write a packet to the action log, unless the packet belongs to an automatic read."""
         item, connection = observation.item, LoggedConnection.of_conversation(observation.flow.conversation)
         if observation.flow.direction is Direction.RESPONSE:
+            self.reply_monitor.on_received(self.now())
             self.action_log.log_reply(connection, item, observation.time)
-            return
-        reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is CallEffect.READS
-        self.action_log.log_request(
-            connection,
-            item,
-            observation.time,
-            initiator.value,
-            is_logged=initiator is Initiator.USER or not reads,
-        )
+        else:
+            self.reply_monitor.on_request(self.now())
+            reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is CallEffect.READS
+            is_logged = initiator is Initiator.USER or not reads  # automatic reads are not logged
+            self.action_log.log_request(connection, item, observation.time, initiator.value, is_logged)
+        self._tap(observation)
 
     def _on_log_error(self, path: Path, error: OSError) -> None:
         self.report(SessionProblem(path, error_reason(error)))

@@ -1,8 +1,5 @@
-"""Recovery after an error: read the errors, clear them, and return to slave mode.
-
-The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). bcapscope clears the
-errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps,
-bcapscope reads the errors, because clearing deletes them.
+"""Recovery after an error: read the errors, clear them, and return to slave mode (DENSO Wave 2009, How to use
+the Slave mode, Clearing errors). Clearing deletes the errors.
 """
 
 from __future__ import annotations

@@ -79,11 +79,8 @@ class HaltConnection:
         robot: str = DEFAULT_ROBOT,
         heartbeat: float = HEARTBEAT,
     ) -> None:
-        """Start to open the connection, and return at once. In its thread, `report` receives every change of
-        state, and `observer` every packet.
-
-        The name in `target` for Controller_Connect gets the suffix "-halt", because these names must be
-        unique.
+        """Start to open the connection, and return at once. Its thread calls `report` and `observer`. The
+        name for Controller_Connect gets the suffix "-halt", because these names must be unique.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report
@@ -110,9 +107,7 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """Suspend or resume the heartbeat. While another client is in slave mode, send only HALT, because any
-        other call may end that slave mode.
-        """
+        """In another client's slave mode, send only HALT, because any other call may end slave mode."""
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:

@@ -53,8 +53,7 @@ class SessionStatus:
         open_objects: Open objects in the order in which they were opened.
         robot: Robot to which the session sends robot commands.
         slave_mode: Number of the slave mode, derived from this client's own calls; 0 if it is off.
-        holds_arm: TakeArm succeeded, without a later GiveArm. An error may have released the arm all the
-            same.
+        holds_arm: Whether TakeArm succeeded, without a later GiveArm. An error may have released the arm.
         round_trip: Round trip in ns of the last answered call.
     """
 
