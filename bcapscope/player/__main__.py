@@ -39,24 +39,18 @@ def main() -> None:
             recording = stack.enter_context(open_recording(plan.record))
             log = stack.enter_context(open_new_file(plan.log))
         except OSError as error:
-            pipe.send(
-                PlayEnded(
-                    PlayOutcome.UNWRITABLE,
-                    Message("file.not-written", path=error.filename, reason=os_reason(error)),
-                )
-            )
-            pipe.wait_until_sent()
-            return
-        pipe.send(play(plan, pipe, recording, log))
+            reason = Message("file.not-written", path=error.filename, reason=os_reason(error))
+            ended = PlayEnded(PlayOutcome.UNWRITABLE, reason)
+        else:
+            ended = play(plan, pipe, recording, log)
+        pipe.send(ended)
     pipe.wait_until_sent()
 
 
 def play(
     plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
 ) -> PlayEnded:
-    """Play a plan and return how the play ended. If there is a `recording`, record all frames; if there is a
-    `log`, save the controller's log.
-    """
+    """Play a plan. Record all frames if there is a `recording`, and save the controller's log in `log`."""
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as granted:
         if plan.aftermath is None:

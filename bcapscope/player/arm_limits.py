@@ -1,5 +1,4 @@
-"""Limits of an arm for each axis, and the speed and acceleration of set points, also as shares of these
-limits.
+"""Limits of an arm for each axis, and the speed and acceleration of set points relative to these limits.
 
 The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
 so bcapscope knows only those of the simulator's arm, and the user gives those of a real arm.

@@ -62,8 +62,7 @@ class Channel:
     """A connected socket, so that the operating system drops datagrams from other senders.
 
     All times are in ns of the monotonic clock. `arrival_time` is the time at which the newest bytes arrived,
-    or at which they were read if the operating system does not report it. Every method raises OSError if the
-    connection is lost.
+    or were read if the system does not report it. Every method raises OSError if the connection is lost.
     """
 
     def __init__(self, sock: socket.socket) -> None:

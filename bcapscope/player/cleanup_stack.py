@@ -19,10 +19,7 @@ _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Runs the cleanup tasks of a session, newest first, unless the controller no longer answers.
-
-    The stack reports its tasks to the parent process. If the player is killed, a new player runs them.
-    """
+    """Runs the cleanup tasks newest first, and reports each change, so that another player can finish."""
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
         self.is_controller_gone = False

@@ -19,13 +19,7 @@ from bcapscope.player.checks import (
     error_at,
     set_point_numbers,
 )
-from bcapscope.player.smooth_curve import (
-    FIG_COLUMN,
-    Array,
-    direction_turns,
-    matches_posture,
-    paired_rows,
-)
+from bcapscope.player.smooth_curve import FIG_COLUMN, Array, direction_turns, matches_posture, paired_rows
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
 
@@ -42,8 +36,7 @@ _SLOW, _CRAWL = 0.1, 1.0
 
 
 class AxisFigures(NamedTuple):
-    """How far and how fast an axis moves, in the unit of the axis and in seconds. An unknown limit is
-    infinite.
+    """How far and how fast an axis moves, in its unit and in seconds. An unknown limit is infinite.
 
     Attributes:
         acceleration: Largest acceleration, if the robot is at rest before the first and after the last point.
@@ -127,9 +120,7 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
-    """Return the way from the robot to the first point for each axis; the shorter way for rotations of P
-    type.
-    """
+    """Return the way from the robot to the first point for each axis; rotations take the shorter way."""
     if context.current_pose is None:
         return None
     both = paired_rows(context.trajectory.kind, context.current_pose, context.trajectory.points[0])

@@ -4,21 +4,20 @@ The slave mode decides whether the player or the controller sets the pace (DENSO
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
 * **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply is still
-  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. In Async
-  and mode 1, the pacer never retries a set point, because the controller follows only the newest set point. A
-  reply does not wake the player: the pacer reads replies only shortly before the next deadline. The operating
-  system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply shows that the
-  controller is alive. If a late reply refuses a set point, the pacer raises ControllerError. If the time
-  since the newest answered set point exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply
-  arrives.
+  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. It never
+  retries a set point, because the controller follows only the newest one. A reply does not wake the player:
+  the pacer reads replies only shortly before the next deadline, and the operating system records when each
+  arrived (`BlockingCaller.sleep_until_due`). If a late reply refuses a set point, the pacer raises
+  ControllerError. If the newest answered set point is older than `SILENCE_TIMEOUT`, the pacer sends nothing
+  until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
-  point is due at a fixed time after the reply: 0.3 ms (`_PREPARATION`). If no reply arrives, the requester
-  retries after each `RetryPolicy.timeout`. The requester discards replies to earlier attempts. After the last
-  attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
-  set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
-* **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
-  pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
-  means that the buffer had no room, so the pacer sends the same set point again.
+  point is due 0.3 ms (`_PREPARATION`) after the reply. If no reply arrives, the requester retries after each
+  `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last attempt, the pacer only
+  waits, and accepts a reply to any attempt, because a controller with a full buffer needs no set point yet.
+  After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+* **Mode 0**: player and controller set the pace together. S_BUF_FULL makes the pacer pause for one period.
+  S_OK means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer
+  had no room, so the pacer sends the same set point again.
 
 The pacer never skips a set point and never sends faster to catch up. If a set point is late by more than half
 a period, the pacer moves the deadlines, so that the robot pauses instead of jumping. `_Throttle` prevents a
@@ -106,8 +105,7 @@ class _SetPointGap(NamedTuple):
 
 
 IdleCallback: TypeAlias = Callable[[int], None]
-"""Function that the pacer calls after each set point and regularly during waits; the argument is the time in
-ns. The function must return quickly. To end the play at once, the function raises HaltedError."""
+"""Called with the time in ns after each set point and during waits. Must be quick; may raise HaltedError."""
 
 
 class Pacer:
@@ -244,10 +242,8 @@ class Pacer:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count the outcome of a call. Return its result code, or None if no reply arrived in time.
-
-        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply is a
-        refusal.
+        """Count the outcome of a call. Return its result code, or None if no reply arrived in time. Raises
+        CallTimeout if the controller no longer answers, and ControllerError if a late reply is a refusal.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()

@@ -2,10 +2,9 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first slows down on its path until it is at rest. After
-a failure, the robot cannot slow down on its path: a controller with an error has left slave mode, and a
-silent controller accepts no set points. An order from the user ends any wait at once, unless the cleanup has
-begun.
+the remaining steps. After an order to stop, the robot first comes to rest on its path. After a failure, it
+cannot: a controller with an error has left slave mode, and a silent controller accepts no set points. An
+order from the user ends any wait at once, unless the cleanup has begun.
 """
 
 from __future__ import annotations

@@ -85,8 +85,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         log: Path of a new CSV file for the controller's own log.
         record: Path of a new recording of all frames.
         aftermath: Cleanup tasks of a crashed player. With `aftermath`, the player only cleans up.
-        first_serial: First serial that the player uses; after a crash, one that the crashed player did not
-            use.
+        first_serial: After a crash, a serial that the crashed player did not use.
     """
 
     target: ControllerTarget

@@ -162,9 +162,7 @@ class PlayerPipe:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         asked = number == signal.SIGUSR1
-        reason = (
-            Message("play.order", order=str(Order.HALT))
-            if asked
-            else Message("play.signal", signal=signal.Signals(number).name)
-        )
+        reason = Message("play.signal", signal=signal.Signals(number).name)
+        if asked:
+            reason = Message("play.order", order=str(Order.HALT))
         self.set_order(Order.HALT if asked or self.order is not None else Order.STOP, reason)

@@ -1,8 +1,6 @@
-"""Start a player: a separate process that receives a plan and sends messages.
+"""Start a player: a separate process, so that no Python code of the parent can delay a set point.
 
-In a separate process, no Python code of the parent can delay a set point. If the parent ends or crashes, the
-player still brings the robot to rest and cleans up. If the player itself is killed, a second process cleans
-up.
+If the parent ends, the player brings the robot to rest and cleans up. If the player is killed, another does.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 from typing import Self
 
 from msgspec import structs
@@ -109,16 +106,11 @@ class PlayerProcess:
     def _read_available(self) -> list[PlayerMessage]:
         found: list[PlayerMessage] = []
         over = False
-        while True:
-            try:
-                data = os.read(self._messages.fileno(), 1 << 16)
-            except BlockingIOError:
-                break
-            if not data:
-                over = True
-                break
-            *lines, self._partial_line = (self._partial_line + data).split(b"\n")
-            found += [decode_message(line) for line in lines]
+        with suppress(BlockingIOError):
+            while data := os.read(self._messages.fileno(), 1 << 16):
+                *lines, self._partial_line = (self._partial_line + data).split(b"\n")
+                found += [decode_message(line) for line in lines]
+            over = True
         for message in found:
             self._remember_state(message)
         if found and isinstance(found[-1], PlayEnded):
@@ -173,9 +165,7 @@ class PlayerProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _send(self, data: bytes) -> None:

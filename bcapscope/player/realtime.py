@@ -1,8 +1,7 @@
 """Prevent delays of the player: real-time priority, locked memory, no garbage collection.
 
-Programs with SCHED_FIFO run before all others (sched(7)). Locked memory is never swapped to disk
-(mlockall(2)). Without real-time priority, the player asks for short time slices: a program with short time
-slices gets the processor sooner, but for no more time in total (sched-eevdf, Linux 6.12).
+SCHED_FIFO runs before all programs without real-time priority (sched(7)). Locked memory is never swapped to
+disk (mlockall(2)). Short time slices bring the processor sooner, but for no more time (sched-eevdf, 6.12).
 """
 
 from __future__ import annotations

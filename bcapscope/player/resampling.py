@@ -1,5 +1,4 @@
-"""Change the timing of a robot's motion along a path: its period or speed, or rest at its ends or at any
-point.
+"""Change the timing of a robot's motion along a path, or bring the robot to rest at any point.
 
 The path is a `SmoothCurve` through the set points; only the speed along it changes. The speed grows from 0 as
 the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve. The first and second derivatives of
@@ -10,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import ceil, inf, isfinite
+from math import ceil, inf
 
 import numpy as np
 
@@ -46,9 +45,7 @@ def resample(
     Raises TrajectoryError if a number is not finite, times do not increase, or the result has too many set
     points. Raises InputError if period, speed or ramp is invalid.
     """
-    if not (
-        isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0
-    ):
+    if not (0 < period < inf and 0 < speed < inf and 0 <= ramp < inf):
         raise InputError(
             Message("resample.invalid", period=f"{period:g}", speed=f"{speed:g}", ramp=f"{ramp:g}")
         )
@@ -58,9 +55,8 @@ def resample(
     knots = _knots(trajectory, period)
     with np.errstate(all="ignore"):
         parameters = _curve_parameters(float(knots[-1]), period, speed, ramp)
-    if len(trajectory) == 1:
-        return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
-    with np.errstate(all="ignore"):
+        if len(trajectory) == 1:
+            return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
         points = SmoothCurve(trajectory.kind, knots, trajectory.points).sample(parameters)
     points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
     source = replace(

@@ -1,5 +1,4 @@
-"""The calls before and after a play: identify the controller, run RobSlave, take the arm, switch the motor,
-move to the first point, read errors.
+"""The calls before and after a play: identify, run RobSlave, take the arm, switch the motor, approach.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
 DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
@@ -148,9 +147,8 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor on or off, with at least `retries` retries. Under machine lock, which DENSO's
-        slides recommend for experiments, a controller refuses this; that is no error, because the robot
-        cannot move anyway.
+        """Switch the motor on or off, with at least `retries` retries. The machine lock, which DENSO's slides
+        recommend for experiments, may refuse this; that is no error, because it prevents motion anyway.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:

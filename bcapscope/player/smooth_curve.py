@@ -75,10 +75,8 @@ class SmoothCurve:
             orientation = _unit_vectors(rows[:, ORIENTATION])
             approach = rows[:, APPROACH]
             across = (approach * orientation).sum(axis=1, keepdims=True)
-            rows[:, ORIENTATION], rows[:, APPROACH] = (
-                orientation,
-                _unit_vectors(approach - across * orientation),
-            )
+            rows[:, ORIENTATION] = orientation
+            rows[:, APPROACH] = _unit_vectors(approach - across * orientation)
         return rows
 
 

@@ -32,8 +32,6 @@ class TrajectoryError(InputError):
         elif column is not None:
             reason = Message("trajectory.at-column", column=column, reason=reason)
         super().__init__(reason)
-        self.line = line
-        self.column = column
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +111,7 @@ class Trajectory:
         return tuple(self.points[row].tolist())
 
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
-        """Add the axes that the file lacks, with the values of the robot's current pose, so that they do not
-        move.
+        """Add the axes that the file lacks, with the values of the robot's pose, so that they do not move.
 
         The result has 7 columns for P type, 8 for J type, 10 for T type. Values that are unknown are 0.
         """
@@ -123,6 +120,13 @@ class Trajectory:
         held = np.asarray(current_pose[have:width], dtype=np.float64)
         missing[: len(held)] = held
         return replace(self, points=np.hstack((self.points, np.tile(missing, (len(self.points), 1)))))
+
+
+def float_or_nan(value: object) -> float:
+    try:
+        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]  # as caught
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
 
 
 MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
@@ -190,10 +194,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log where its counter column has a gap. Return the parts, as indices of the first record and of
-    the first after the part, and the median increase of the counter per record.
-
-    If the counter grows too unevenly, the log is one part, and the median increase is None.
+    """Split a log where its counter has a gap. Return each part (first record, record after the last), and
+    the median increase per record. If the counter grows too unevenly, return one part and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

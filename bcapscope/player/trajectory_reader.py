@@ -1,6 +1,5 @@
-"""Read trajectories from files: detect the kind of a file and call the reader for this kind.
-
-Files are not trusted: their size is limited, and wrong content of any kind raises `TrajectoryError`.
+"""Read trajectories from files. Files are not trusted: their size is limited, and wrong content of any kind
+raises `TrajectoryError`.
 
 No public source describes the format in which a WINCAPS III project stores logs, so bcapscope reads only logs
 that were exported into the project.

@@ -32,6 +32,7 @@ from bcapscope.player.trajectory import (
     TrajectoryError,
     TrajectorySource,
     find_runs,
+    float_or_nan,
     timing_from_due_times,
     timing_from_send_times,
 )
@@ -118,7 +119,9 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
     """Return the layout of the columns, the number of header lines, and the titles; () if there are none."""
     if _is_numeric(first[0]):
-        bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]
+        bare = [
+            [float_or_nan(cell.replace(",", ".")) for cell in line.cells if cell.strip()] for line in first
+        ]
         even = [row for row in bare if len(row) == len(bare[0])]
         return layout_of_numbers(even, options), 0, ()
     for place, line in enumerate(first):
@@ -134,13 +137,6 @@ def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[Colu
 
 def _is_numeric(line: TableLine) -> bool:
     return all(_NUMBER.fullmatch(cell) for cell in line.cells if cell.strip())
-
-
-def _lenient_float(cell: str) -> float:
-    try:
-        return float(cell.replace(",", "."))
-    except ValueError:
-        return float("nan")
 
 
 def _read_numbers(
@@ -218,9 +214,7 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Guess the interval between set points from the growth of the log's counter. No public source says what
-    the log's counter counts.
-    """
+    """Guess the interval from the growth of the log's counter. No public source says what it counts."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:
