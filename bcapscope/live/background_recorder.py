@@ -88,7 +88,6 @@ class BackgroundRecorder:
             self._queue_packet(0, write, source, target, time)
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Drop the data of a TCP connection that has ended."""
         up = self._gap_bytes.pop((client, server), None)
         down = self._gap_bytes.pop((server, client), None)
         if up is not None or down is not None:

@@ -1,7 +1,4 @@
-"""Runs a bcapscope command in a child process.
-
-If the parent is killed, the command's standard input closes, and the command ends.
-"""
+"""Runs a bcapscope command in a child process, which ends if its standard input closes."""
 
 from __future__ import annotations
 

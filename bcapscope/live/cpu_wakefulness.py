@@ -1,13 +1,12 @@
 """Keeps processors out of deep sleep while set points arrive, for `proxy --low-latency`.
 
-A processor needs a few microseconds to wake from light sleep, and a hundred or more to wake from deep sleep.
-In a virtual machine, it needs tens of microseconds to wake from any sleep, because the host wakes it. A round
-trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's machine.
+A processor needs a few microseconds to wake from light sleep, a hundred or more to wake from deep sleep, and
+tens of microseconds in a virtual machine, whose host wakes it. A round trip through the proxy contains two
+wake-ups, or four if client and controller run on the proxy's machine.
 
-A program can ask Linux for a wake-up limit: a maximum time that all processors may need to wake
-(power/pm_qos_interface). Idle processors then use more electricity or, in a virtual machine, more of the
-host's processor time. The proxy therefore sets the limit only while there is much traffic, and removes it if
-the host takes too much processor time from the virtual machine.
+A program can set a wake-up limit for all processors: a maximum time to wake (power/pm_qos_interface). Idle
+processors then use more electricity or, in a virtual machine, more of the host's processor time. The proxy
+sets the limit only while there is much traffic, and removes it if the host takes too much processor time.
 """
 
 from __future__ import annotations
@@ -80,9 +79,8 @@ class CpuWakefulness:
         return self._device is not None
 
     def update(self, datagrams: int, now: float) -> None:
-        """Adapt the limit to the traffic, about twenty times per second.
-
-        `datagrams` is the total number so far, `now` the time of a monotonic clock in seconds.
+        """Adapt the limit to the traffic, about twenty times per second. `datagrams` is the total number so
+        far, `now` the time of a monotonic clock in seconds.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:

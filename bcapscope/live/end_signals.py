@@ -86,9 +86,8 @@ def end_signal_socket() -> Iterator[socket.socket]:
 def end_signals_blocked() -> Iterator[None]:
     """Child processes that start in this `with` block receive Ctrl-C only after they have loaded.
 
-    A terminal sends Ctrl-C to all its processes. If a child process received Ctrl-C while it loads, it would
-    end with a traceback. The child processes never receive SIGTERM or SIGHUP. When the `with` block ends,
-    this process receives the signals that arrived during the block.
+    A terminal sends Ctrl-C to all its processes, and a child that loads would end with a traceback. The
+    children never receive SIGTERM or SIGHUP. This process receives its signals when the block ends.
     """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield

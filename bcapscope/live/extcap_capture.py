@@ -51,10 +51,8 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
     """Connect to Wireshark. The yielded queue receives a reason when the capture must end.
 
     The pipe stays open until the program ends. After a failed capture, Wireshark therefore sees that the pipe
-    closes. If the pipe did not close, tshark 4.0 would wait forever for the first packet.
-
-    Raises:
-        FileWriteError: The pipe does not exist, or no program reads it.
+    closes. If the pipe did not close, tshark 4.0 would wait forever for the first packet. Raises
+    FileWriteError if the pipe does not exist, or no program reads it.
     """
     ends: CaptureEnds = SimpleQueue()
     for number in _END_SIGNALS:
@@ -68,10 +66,8 @@ def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
     """Run a command that records to `pipe`, until the queue `ends` receives a reason to end the capture.
 
     A child process is needed because Wireshark would show the command's messages on standard error as errors.
-    The first signal ends the command gracefully; further signals have no effect.
-
-    Raises:
-        CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.
+    The first signal ends the command gracefully; further signals have no effect. Raises CaptureFailedError if
+    the command did not start, or ended too early.
     """
     if not ends.empty():
         return

@@ -117,9 +117,7 @@ class ProxySupervisor:
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
         """Listen for clients. The relay removes a UDP client that was silent for `forget_after` ns.
 
-        Raises:
-            ProxyListenError: The proxy cannot listen on this address.
-            UnreachableError: The controller's name cannot be resolved.
+        Raises ProxyListenError, or UnreachableError if the controller's name cannot be resolved.
         """
         address, ports = open_listeners(self.relay, listener, forget_after)
         self._ports += ports
@@ -129,12 +127,9 @@ class ProxySupervisor:
         """Start the watcher process and wait until it is ready.
 
         `wait_for_scripts(seconds)` waits at most `seconds` for the scripts to start, and returns whether they
-        have started. The watcher process loads while the scripts start, which saves 20 to 30 ms. Recording
-        begins when all scripts have started.
+        have. The watcher loads meanwhile, which saves 20 to 30 ms, and records when all scripts have started.
 
-        Raises:
-            FileWriteError: The recording cannot be written, or the process cannot be started.
-            KeyboardInterrupt: A signal has asked the proxy to end.
+        Raises FileWriteError if the recording or the process fails, KeyboardInterrupt after a signal.
         """
         arguments = self._memory.name, self._watcher_end, self._options
         watcher = self._context.Process(target=run_watcher, args=arguments, name="watch")
@@ -207,7 +202,6 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals of the traffic, because the watcher has ended without a summary."""
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
         report = () if self.relay.policy is None else self.relay.policy.report()
@@ -371,11 +365,10 @@ def _has_other_end(descriptor: int) -> bool:
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print to standard error in a new thread, and return the thread. If the terminal is stopped, for example
-    by Ctrl-S, only this thread waits.
+    """Print to standard error in a new thread, which alone waits if the terminal is stopped, as by Ctrl-S.
 
-    The thread bypasses Python's buffer. While a thread waits inside Python's buffer, the thread holds the
-    buffer's lock and prevents the end of the program.
+    The thread bypasses Python's buffer. If a thread waited inside it, the thread would hold the buffer's lock
+    and prevent the end of the program.
     """
 
     def write() -> None:

@@ -216,11 +216,9 @@ class ProxyWatcher:
         is_busy = self._decode()
         self._do_periodic_work()
         took = time.monotonic() - began
-        return (
-            min(max(POLL_INTERVAL, took * _REST_FACTOR), _LONGEST_REST)
-            if not is_busy or self._may_rest()
-            else 0
-        )
+        if is_busy and not self._may_rest():
+            return 0
+        return min(max(POLL_INTERVAL, took * _REST_FACTOR), _LONGEST_REST)
 
     def _may_rest(self) -> bool:
         """Return whether new traffic arrives, the ring has space, and no undecoded record is too old."""
@@ -342,7 +340,6 @@ class ProxyWatcher:
             self._terminal.show(message)
 
     def _closing_requests(self) -> bytes:
-        """Return a JSON list of `ClosingRequests`, which close all open sessions."""
         # Do not wait for further retries of answered calls: complete the calls now.
         self._traffic.flush()
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)

@@ -50,7 +50,6 @@ class DelayStatistics:
         return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
     def status(self) -> Message | None:
-        """Return the median and the 99.9th percentile of the delay in each direction, if there are data."""
         parts = [
             Message(f"relay.status.{name}", figures=f"{spread.p50:.0f}/{spread.p999:.0f}")
             for name, spread in self._spreads()

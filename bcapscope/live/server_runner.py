@@ -44,9 +44,7 @@ class ServerRunner:
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
         """Listen for clients. Ctrl-C, SIGTERM and SIGHUP end the `with` block gracefully.
 
-        Raises:
-            SimulatorListenError: The server cannot listen on this address.
-            FileWriteError: The recording cannot be written.
+        Raises SimulatorListenError, or FileWriteError if the recording cannot be written.
         """
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
@@ -94,9 +92,8 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Log lines for stdout, formatted after the reply and written within `_FLUSH_AFTER_NS`.
-
-    The reason of a refusal is printed to stderr, even if calls are not logged.
+    """Log lines for stdout, formatted after the reply and written within `_FLUSH_AFTER_NS`. The reason of a
+    refusal is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000

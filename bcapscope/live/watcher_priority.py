@@ -2,11 +2,9 @@
 
 Measured 99.9th percentile of round trips, with a client and a server on the same two processors: 2.6 ms with
 the watcher at nice 10, 0.5 ms at idle priority. When another process wakes up, Linux interrupts a process of
-idle priority at once, but others perhaps only after their time slice of about 3 ms.
-
-However, Linux sometimes interrupts a process with idle priority too late, because it decides only at a tick
-every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also yields the processor after each 0.1 or 0.2 ms
-of work.
+idle priority at once, but others perhaps only after their time slice of about 3 ms. Sometimes, Linux is too
+late, because it decides only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also yields
+the processor after each 0.1 or 0.2 ms of work.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and `sched_yield`
 costs a whole time slice. If the watcher reads too slowly, the relay raises its priority.

@@ -68,9 +68,8 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints of a known arm, or the number that the controller reports; None if unknown.
-
-        Most controllers report eight joints, even if the robot has fewer.
+        """Number of joints of a known arm, or the number that the controller reports; None if unknown. Most
+        controllers report eight joints, even if the robot has fewer.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count

@@ -72,8 +72,6 @@ _LATENESS_CAPACITY = 1_000_000
 
 
 class PlayMonitor:
-    """Polls for orders and reports the progress of `pacer`; no method waits."""
-
     pacer: Pacer
 
     def __init__(

@@ -109,8 +109,6 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """An order to a running player."""
-
     STOP = "stop"
     """Bring the robot to rest on its path, then clean up."""
     HALT = "halt"
@@ -118,15 +116,11 @@ class Order(StrEnum):
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
-    """What the user tells the player: an order to stop or halt, or the answer to the player's question."""
-
     order: Order | None = None
     answer: str = ""
 
 
 class PlayState(StrEnum):
-    """What the player is doing."""
-
     CONNECTING = "connecting"
     PREPARING = "preparing"
     APPROACHING = "moving to the first point"

@@ -134,7 +134,6 @@ class PlayerProcess:
         return self.read_messages()
 
     def stop(self) -> None:
-        """Order the player to bring the robot to rest on its path and then to clean up."""
         self._send(encode_message(PlayerCommand(Order.STOP)))
 
     def halt(self) -> None:

@@ -34,8 +34,7 @@ def resample(
 ) -> Trajectory:
     """Return the trajectory with other times, and the same first and last point.
 
-    If the trajectory has times but no period, the times must increase. If the trajectory has neither times
-    nor a period, `period` becomes its period.
+    If it has times but no period, the times must increase. If it has neither, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.

@@ -76,10 +76,9 @@ def read_trajectories(
     """Read the trajectories of a file or of a WINCAPS III project, given as its folder or its .wpj file.
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
-    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
-
-    Returns one trajectory per slave-mode session of a capture, per message of a ROS file, per control log of
-    a project, and per part between missing records of a table.
+    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. Returns one trajectory per
+    slave-mode session of a capture, per message of a ROS file, per control log of a project, and per part
+    between missing records of a table.
     """
     options = options or ReadOptions()
     try:

@@ -121,8 +121,6 @@ class ControllerSession:
     def now(self) -> int:
         return time.monotonic_ns()
 
-    # The connection.
-
     async def open_link(self, target: ControllerTarget) -> None:
         """Open the UDP or TCP link, without sending b-CAP frames. Raises OSError."""
         await self.disconnect()
@@ -170,8 +168,6 @@ class ControllerSession:
     def update_status(self, **changes: Any) -> None:
         self.status = replace(self.status, **changes)
         self.report(self.status)
-
-    # Calls.
 
     @property
     def opener(self) -> ObjectOpener:
@@ -288,8 +284,6 @@ class ControllerSession:
                 self.report(ConnectionLost(error_reason(error)))
             raise
 
-    # HALT.
-
     def halt(self) -> bool:
         """Start to halt the robot. Return whether a connection is open. Any thread may call this method."""
         self.arming.disarm()
@@ -315,8 +309,6 @@ class ControllerSession:
             if self.status.slave_mode:
                 values = (robot.handle, "slvChangeMode", 0)
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
-
-    # Results.
 
     def _on_packet(self, observation: Observation) -> None:
         self._record_packet(observation, INITIATOR.get())

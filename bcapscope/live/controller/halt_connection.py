@@ -43,7 +43,6 @@ class HaltState(StrEnum):
     """State of the HALT connection: whether HALT can be sent, or what the latest HALT achieved."""
 
     CLOSED = "closed"
-    """No controller is connected."""
     OPENING = "opening"
     READY = "ready"
     LOST = "lost"
@@ -69,8 +68,6 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """A HALT connection to a controller, which opens in the background."""
-
     def __init__(
         self,
         target: ControllerTarget,
@@ -146,9 +143,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Delay the next attempt to open the connection; only shortly if HALT is pending.
-
-        A pending HALT fails after `RETRY_WITHIN`, because a later HALT could interrupt another motion.
+        """Delay the next attempt to open the connection; only shortly if HALT is pending. A pending HALT
+        fails after `RETRY_WITHIN`, because a later HALT could interrupt another motion.
         """
         if self._pressed.is_set() and self._loop.time() < self._retry_until:
             await asyncio.sleep(_REOPEN_DELAY)

@@ -7,9 +7,8 @@ REPLY_OVERDUE_AFTER = 1_500_000_000
 
 
 class ReplyMonitor:
-    """Stores when the controller last sent a packet on any connection, and since when a reply is missing.
-
-    Any thread may report requests and packets. All times are in ns of the same clock.
+    """Stores when the controller last sent a packet on any connection, and since when a reply is missing. Any
+    thread may report requests and packets. All times are in ns of the same clock.
     """
 
     def __init__(self, now: int) -> None:

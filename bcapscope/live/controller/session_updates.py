@@ -84,7 +84,6 @@ class SessionStatus:
 
 
 def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Return the slave mode after a call; None if the call does not show it."""
     if record.outcome is RecordOutcome.ANSWERED:
         return requested_slave_mode(record.function_id, record.arguments)
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
