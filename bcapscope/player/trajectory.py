@@ -149,7 +149,7 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Seconds. `period` is None if the intervals are uneven, `times` if the file has no useful times."""
+    """Timing in s. `period` is None if the intervals are uneven, `times` if the file has no useful times."""
 
     period: float | None
     times: Array | None
