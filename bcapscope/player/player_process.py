@@ -1,6 +1,6 @@
 """Start a player: a separate process, so that no Python code of the parent can delay a set point.
 
-If the parent ends, the player brings the robot to rest and cleans up. If the player is killed, another does.
+If the parent ends, the player stops the robot and cleans up. If the player is killed, another one cleans up.
 """
 
 from __future__ import annotations
