@@ -1,3 +1,1 @@
-"""Code that runs in the background while the user interface runs: processes and their supervision, recorders,
-signals, priorities.
-"""
+"""Code that runs beside the user interface: processes, their supervision, recorders, signals, priorities."""

@@ -1,8 +1,7 @@
 """Records the traffic of a server or client in the same process; a separate thread writes to the disk.
 
-The thread of the server or client encodes packets while it has nothing else to do. A second thread for
-encoding would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own thread
-only writes encoded packets to the disk.
+The thread of the server or client encodes packets while it is idle. A second thread for encoding would hold
+Python's interpreter lock and delay replies by milliseconds.
 """
 
 from __future__ import annotations
@@ -40,9 +39,7 @@ _MAKE_FOR_NS = 1_000_000
 """Maximum time in ns for encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Maximum time in s that `close` spends on encoding the waiting packets. `close` then waits at most
-`_ENDS_WITHIN` seconds until the encoded packets are written.
-"""
+"""Maximum time in s that `close` spends on encoding, and again on writing."""
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
 
@@ -85,24 +82,19 @@ class BackgroundRecorder:
             self._gap_bytes[direction] += len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Record that one end has closed a TCP connection, but only if the recording holds data of this
-        connection.
-        """
+        """Record that one end closed a TCP connection, if the recording holds data of this connection."""
         if (source, target) in self._gap_bytes or (target, source) in self._gap_bytes:
             write = partial(SocketRecording.write_stream_end, reset=reset)
             self._queue_packet(0, write, source, target, time)
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Drop the data of a TCP connection that has ended."""
         up = self._gap_bytes.pop((client, server), None)
         down = self._gap_bytes.pop((server, client), None)
         if up is not None or down is not None:
             self._queue_step(0, lambda recording: recording.drop_connection(client, server))
 
     def on_idle(self) -> bool:
-        """Encode waiting packets, while no request waits for a reply. Return whether there are still packets
-        to encode.
-        """
+        """Encode packets while no request waits for a reply. Return whether some still wait."""
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
@@ -131,11 +123,7 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode the waiting packets, write them and close the file. Spend at most `_ENDS_WITHIN` seconds on
-        encoding, and at most the same time on writing.
-
-        Return whether the capture is complete.
-        """
+        """Encode and write the waiting packets within `_ENDS_WITHIN` each. Return whether none was lost."""
         self._make_packets(round(_ENDS_WITHIN * 1e9))
         self._is_closing.set()
         self._has_work.set()
@@ -151,9 +139,7 @@ class BackgroundRecorder:
         return not self._lost and self._recorder.is_complete
 
     def _queue_packet(self, size: int, write: Callable[..., None], *arguments: object) -> bool:
-        """Queue a packet with `size` bytes of data. If there is no room, count the packet as missing, and
-        return False.
-        """
+        """If there is no room for a packet with `size` bytes of data, count it as missing; return False."""
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
@@ -169,9 +155,7 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return a comment with the number of missing packets; "" if none is
-        missing.
-        """
+        """Resume after missing packets. Return a comment with their number; "" if none is missing."""
         if not self._skipped:
             return ""
         missing, self._skipped = self._skipped, 0

@@ -1,8 +1,4 @@
-"""Runs a bcapscope command in a child process.
-
-The parent ends the command with a signal. If the parent is killed, the command's standard input closes, and
-the command ends.
-"""
+"""Runs a bcapscope command in a child process, which ends if its standard input closes."""
 
 from __future__ import annotations
 
@@ -22,10 +18,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 
 START_TIMEOUT = 60.0
-"""Maximum time in seconds from the start of the command until the command listens on its addresses.
-
-A busy machine may need many seconds to load the program.
-"""
+"""Maximum time in seconds until the command listens. A busy machine may need many seconds to load it."""
 
 END_TIMEOUT = 8.0
 """Maximum time in seconds that the command may take to end after each signal."""
@@ -34,9 +27,7 @@ _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start. `code` is its exit code; `lines` are all lines that it printed on standard
-    error.
-    """
+    """The command did not start. `lines` are all lines that it printed on standard error."""
 
     def __init__(self, message: Message, code: int, lines: Sequence[str] = ()) -> None:
         super().__init__(message)
@@ -45,17 +36,10 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A running bcapscope command, with the addresses that the command reported.
-
-    `control_address` is "" if the command has no control socket.
-    """
+    """A running bcapscope command, with the addresses that it reported; `control_address` may be ""."""
 
     def __init__(self, *words: str) -> None:
-        """Start ``bcapscope WORDS --attended`` and wait until the command listens on its addresses.
-
-        Raises:
-            ChildStartError: The command does not start.
-        """
+        """Start ``bcapscope WORDS --attended`` and wait until it listens. Raises ChildStartError."""
         self._output: deque[str] = deque(maxlen=_MAX_LINES)
         self._startup_done = threading.Event()
         self._line_count = 0
@@ -124,17 +108,13 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output, from which the line with the addresses was already read. Your
-        code must read and close this stream.
-        """
+        """Return the command's standard output, after the line with the addresses. The caller closes it."""
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line that the command has printed so far. Another thread calls
-        `on_output` with later lines.
-        """
+        """Call `on_output` with each line printed so far; another thread calls it with later lines."""
         with self._lock:
             self._on_output = on_output
             lines = list(self._output)
@@ -142,11 +122,8 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """If the command ends unexpectedly, call `on_end` with the last line that the command printed. If a
-        signal killed the command, call `on_end` with "".
-
-        If the command has already ended, this method calls `on_end` at once. If the command is still running,
-        another thread calls `on_end` later.
+        """If the command ends unexpectedly, call `on_end` with its last line, or "" if a signal killed it.
+        This happens at once if the command has already ended, else in another thread.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

@@ -1,15 +1,12 @@
 """Keeps processors out of deep sleep while set points arrive, for `proxy --low-latency`.
 
-A processor needs a few microseconds to wake from light sleep, and a hundred or more to wake from deep sleep.
-A virtual machine's processor needs tens of microseconds to wake from any sleep, because the host wakes it. A
-round trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's
-machine.
+A processor needs a few microseconds to wake from light sleep, a hundred or more to wake from deep sleep, and
+tens of microseconds in a virtual machine, whose host wakes it. A round trip through the proxy contains two
+wake-ups, or four if client and controller run on the proxy's machine.
 
-A program can ask Linux for a wake-up limit: a maximum time that processors may need to wake
-(power/pm_qos_interface). The wake-up limit applies to all processors of the machine. With a wake-up limit,
-idle processors use more electricity or, in a virtual machine, more of the host's processor time. The proxy
-therefore sets the wake-up limit only while there is much traffic. If the host takes too much processor time
-from the virtual machine, the proxy removes the wake-up limit.
+A program can set a wake-up limit for all processors: a maximum time to wake (power/pm_qos_interface). Idle
+processors then use more electricity or, in a virtual machine, more of the host's processor time. The proxy
+sets the limit only while there is much traffic, and removes it if the host takes too much processor time.
 """
 
 from __future__ import annotations
@@ -27,22 +24,17 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""There is much traffic if at least this many datagrams arrive within `BUSY_WITHIN` seconds. 100 datagrams
-are 50 calls.
-
-Set points every 8 ms, with their replies, are 250 datagrams per second.
+"""There is much traffic if this many datagrams (50 calls) arrive within `BUSY_WITHIN` seconds. Set points
+every 8 ms, with their replies, are 250 datagrams per second.
 """
 
 BUSY_WITHIN = 1.0
-"""Length in seconds of the period in which datagrams are counted."""
 
 AWAKE_FOR = 2.0
 """After this many seconds without much traffic, the processors may sleep deeply again."""
 
 MAX_STOLEN_SHARE = 0.05
-"""Maximum processor time that the host of a virtual machine may take from this machine: 0.05 means 50 ms per
-second, summed over all processors.
-"""
+"""Maximum processor time that the host may take, summed over all processors: 0.05 means 50 ms per second."""
 
 PAUSED_FOR = 60.0
 """Pause in seconds before the proxy tries again to set the wake-up limit. The pause begins if Linux refuses
@@ -53,9 +45,7 @@ _MEASURED_EVERY = 1.0
 """Seconds between measurements of the processor time that the host took from the virtual machine."""
 
 _STREAM_BYTES_EACH = 64
-"""This many bytes of a TCP stream count as one datagram. A set point has about 100 bytes; the reply to a set
-point has 58 or 90.
-"""
+"""Bytes of TCP that count as one datagram. A set point has about 100 bytes; its reply has 58 or 90."""
 
 _REQUEST = struct.Struct("@i")
 _DEVICE = Path("/dev/cpu_dma_latency")
@@ -63,22 +53,17 @@ _CPU_FOLDER = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
 
 _USUAL_LATENCY_US = 2
-"""Time in µs that a processor needs to wake from the lightest sleep. bcapscope uses this value if Linux does
-not report the processor's own wake-up time.
-"""
+"""Time in µs to wake from the lightest sleep, if Linux does not report it."""
 
 _STEAL_COLUMN = 8
-"""Index of the column "steal" in the first line of /proc/stat: processor time that the host took
-(proc_stat(5)).
-"""
+"""Index of "steal" in the first line of /proc/stat: processor time that the host took (proc_stat(5))."""
 
 
 class CpuWakefulness:
     """Keeps the processors out of deep sleep with a wake-up limit, while there is much traffic.
 
-    bcapscope can set the wake-up limit if it has root rights, or if a udev rule grants access. In a KVM guest
-    with the haltpoll driver, the wake-up limit keeps idle processors fully awake. Linux drops the wake-up
-    limit when the process closes the device file or ends.
+    This needs root rights or a udev rule that grants access. In a KVM guest with the haltpoll driver, the
+    limit keeps idle processors fully awake. Linux drops it when the process closes the device file or ends.
     """
 
     def __init__(self) -> None:
@@ -94,10 +79,8 @@ class CpuWakefulness:
         return self._device is not None
 
     def update(self, datagrams: int, now: float) -> None:
-        """Allow or forbid deep sleep of the processors, depending on the traffic. `datagrams` is the total
-        number of datagrams so far.
-
-        Call this method about twenty times per second. `now` is the time of a monotonic clock in seconds.
+        """Adapt the limit to the traffic, about twenty times per second. `datagrams` is the total number so
+        far, `now` the time of a monotonic clock in seconds.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -132,9 +115,7 @@ class CpuWakefulness:
                 os.close(device)
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host took more than `MAX_STOLEN_SHARE` of processor time from the virtual
-        machine. The measurement starts at the previous check.
-        """
+        """Compare the time that the host took since the previous check with `MAX_STOLEN_SHARE`."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         return self._stolen_before - before > MAX_STOLEN_SHARE * since
@@ -150,9 +131,7 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return how many datagrams were received, according to `counts`. On TCP, `_STREAM_BYTES_EACH` bytes
-    count as one datagram.
-    """
+    """Return how many datagrams were received; `_STREAM_BYTES_EACH` bytes of TCP count as one."""
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 

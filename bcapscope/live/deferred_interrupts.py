@@ -1,6 +1,4 @@
-"""Handles Ctrl-C while bcapscope reads an endless input. The first Ctrl-C ends the input, so that bcapscope
-can print its results.
-"""
+"""Handles Ctrl-C while bcapscope reads an endless input."""
 
 from __future__ import annotations
 
@@ -15,9 +13,8 @@ T = TypeVar("T")
 class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
-    SIGTERM has the same effect as Ctrl-C, because scripts use SIGTERM to end a program that runs in the
-    background. The first Ctrl-C takes effect only while the program waits for input. A second Ctrl-C raises
-    KeyboardInterrupt at once, even while the program processes input. Create the object in the main thread,
+    SIGTERM, with which scripts end a background program, has the same effect. The first signal takes effect
+    only while the program waits for input, a second one at once. Create the object in the main thread,
     because only the main thread handles signals.
     """
 
@@ -42,11 +39,8 @@ class DeferredInterrupts:
         return found
 
     def do_while_waiting(self, work: Callable[[], object]) -> None:
-        """Call `work` while `read` waits for input. If the user presses Ctrl-C meanwhile, Ctrl-C takes effect
-        after `work`.
-
-        Raises:
-            KeyboardInterrupt: The user pressed Ctrl-C during `work`. `read_or_stop` handles this exception.
+        """Call `work` while `read` waits for input. After `work`, raise KeyboardInterrupt, which
+        `read_or_stop` handles, if the user pressed Ctrl-C meanwhile.
         """
         self._is_waiting = False
         work()

@@ -7,7 +7,6 @@ import signal
 import socket
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
-from types import FrameType
 from typing import Any, TypeVar
 
 from bcapscope.errors import FileWriteError
@@ -23,17 +22,11 @@ def interrupt_on_end_signals() -> None:
     """Treat SIGTERM and SIGHUP like Ctrl-C, so that the program releases its resources."""
     for number in _END_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # SIG_IGN was set by nohup
-            signal.signal(number, _raise_interrupt)
+            signal.signal(number, signal.default_int_handler)
 
 
 def run_interruptible(work: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine.
-
-    SIGTERM and SIGHUP cancel the coroutine at an `await`. The coroutine can then release its resources.
-
-    Raises:
-        KeyboardInterrupt: A signal cancelled the coroutine.
-    """
+    """Run a coroutine. SIGTERM and SIGHUP cancel it at an `await`, and then raise KeyboardInterrupt."""
     return asyncio.run(_interruptible(work))
 
 
@@ -62,19 +55,11 @@ async def _interruptible(work: Coroutine[Any, Any, T]) -> T:
             signal.signal(number, handler)
 
 
-def _raise_interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket. Each signal arrives as a byte with
-    the signal's number.
+    """Deliver Ctrl-C, SIGTERM and SIGHUP as bytes with the signal's number, through a non-blocking socket.
 
-    A signal that arrives through the socket cannot end the program between two steps that belong together.
-
-    Raises:
-        FileWriteError: The process has no file descriptors left.
+    Such a signal cannot end the program between two steps that belong together. Raises FileWriteError.
     """
     try:
         here, there = socket.socketpair()
@@ -87,7 +72,8 @@ def end_signal_socket() -> Iterator[socket.socket]:
         wakened = signal.set_wakeup_fd(there.fileno(), warn_on_full_buffer=False)
         for number, handler in before.items():
             if handler is not signal.SIG_IGN:
-                signal.signal(number, _do_nothing)
+                # Python writes the signal's number to the socket before it calls this handler.
+                signal.signal(number, lambda *_: None)
         try:
             yield here
         finally:
@@ -100,9 +86,8 @@ def end_signal_socket() -> Iterator[socket.socket]:
 def end_signals_blocked() -> Iterator[None]:
     """Child processes that start in this `with` block receive Ctrl-C only after they have loaded.
 
-    A terminal sends Ctrl-C to all its processes. If a child process received Ctrl-C while it loads, it would
-    end with a traceback. The child processes never receive SIGTERM or SIGHUP. When the `with` block ends,
-    this process receives the signals that arrived during the block.
+    A terminal sends Ctrl-C to all its processes, and a child that loads would end with a traceback. The
+    children never receive SIGTERM or SIGHUP. This process receives its signals when the block ends.
     """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield
@@ -112,7 +97,3 @@ def end_signals_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _do_nothing(number: int, frame: FrameType | None) -> None:
-    """Do nothing, because Python writes the signal's number to the socket before it calls this handler."""

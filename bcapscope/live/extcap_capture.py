@@ -1,6 +1,4 @@
-"""A capture for Wireshark: a command of bcapscope records to Wireshark's pipe until Wireshark ends the
-capture.
-"""
+"""A capture for Wireshark: a command of bcapscope records to a pipe until Wireshark ends the capture."""
 
 from __future__ import annotations
 
@@ -53,10 +51,8 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
     """Connect to Wireshark. The yielded queue receives a reason when the capture must end.
 
     The pipe stays open until the program ends. After a failed capture, Wireshark therefore sees that the pipe
-    closes. If the pipe did not close, tshark 4.0 would wait forever for the first packet.
-
-    Raises:
-        FileWriteError: The pipe does not exist, or no program reads it.
+    closes. If the pipe did not close, tshark 4.0 would wait forever for the first packet. Raises
+    FileWriteError if the pipe does not exist, or no program reads it.
     """
     ends: CaptureEnds = SimpleQueue()
     for number in _END_SIGNALS:
@@ -69,12 +65,9 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
     """Run a command that records to `pipe`, until the queue `ends` receives a reason to end the capture.
 
-    The command runs in a child process, so that Wireshark does not read the command's standard error. If
-    Wireshark read the command's messages, Wireshark would show the messages as errors. The first signal ends
-    the command gracefully. Further signals have no effect.
-
-    Raises:
-        CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.
+    A child process is needed because Wireshark would show the command's messages on standard error as errors.
+    The first signal ends the command gracefully; further signals have no effect. Raises CaptureFailedError if
+    the command did not start, or ended too early.
     """
     if not ends.empty():
         return

@@ -1,7 +1,4 @@
-"""Options and entry point of the watcher, the process that watches a proxy's traffic.
-
-The relay also loads this module, so the module imports little.
-"""
+"""Options and entry point of the watcher. The relay also loads this module, so it imports little."""
 
 from __future__ import annotations
 
@@ -27,27 +24,19 @@ if TYPE_CHECKING:
     from bcapscope.traffic.pipeline import PipelineSubscriber
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
-"""Messages between relay and watcher.
-
-The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
-watcher answers with a JSON list of `ClosingRequests`. A message from the relay that is neither `BEGIN` nor
-`CLOSE_SESSIONS` is advice for the user. When the watcher warns the user of a slow proxy, the watcher adds the
-relay's latest advice.
+"""The relay sends `BEGIN`, and the watcher answers `READY`. The relay sends `CLOSE_SESSIONS`, and the watcher
+answers with a JSON list of `ClosingRequests`. Any other message is advice for warnings of a slow proxy.
 """
 
 INCOMPLETE = 6
-"""Exit code of the watcher if the recording is incomplete.
-
-The code differs from 1, because Python exits with 1 after a traceback.
-"""
+"""Exit code of the watcher if the recording is incomplete; not 1, Python's exit code after a traceback."""
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """Frames that the proxy sends to close a session, if a UDP client left this session open. The proxy sends
-    each frame after the reply to the previous frame.
+    """Frames that close a session that a UDP client left open, each sent after the reply to the previous one.
 
-    `open_state` is an encoded message (see `encode_message`). The message says whether the client left slave
-    mode on, kept the arm, or both. If the client left only open handles, `open_state` is b"".
+    `open_state` is an encoded message (see `encode_message`) that says whether the client left slave mode on
+    or kept the arm; b"" if it left only open handles.
     """
 
     client: int
@@ -63,9 +52,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Which traffic the proxy displays, and how. `shown` selects frames or calls. If `shown` is None, the
-    proxy displays no traffic.
-    """
+    """Which traffic the proxy displays, and how: frames or calls, or nothing if `shown` is None."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -74,33 +61,23 @@ class ViewOptions:
     language: Language = Language.ENGLISH
 
     def compiled_filter(self) -> Filter | None:
-        """Return the filter; None if there is none.
-
-        Raises:
-            FilterError: The filter expression is invalid.
-        """
+        """Raises FilterError if the filter expression is invalid."""
         if not self.expression:
             return None
         return compile_filter(self.expression, self.shown or RecordKind.FRAME)
 
 
 class WatcherSubscriber(Protocol):
-    """Receives the traffic that the watcher decodes. All methods return at once. `subscribers` contains the
-    diagnosis and other subscribers of the pipeline.
-    """
+    """Receives the traffic that the watcher decodes. All methods return at once."""
 
     diagnosis: Diagnosis
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame. `note` says in the user's language how the proxy's rules affected the frame; "" if
-        no rule did.
-        """
+        """`note` says in the user's language how the proxy's rules affected the frame; "" if no rule did."""
 
     def report_if_due(self, client_count: int) -> None:
-        """Send the reports that are due, even without traffic. `client_count` is the number of clients so
-        far.
-        """
+        """Send the reports that are due, even without traffic."""
 
     def close(self, end_time: int) -> None:
         """Process the end of the traffic. `end_time` is in ns since 1970."""
@@ -118,9 +95,7 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until the relay ends; exit with `INCOMPLETE` if the recording is incomplete. This
-    function is the entry point of the watcher process.
-    """
+    """Watch a relay until it ends: the entry point of the watcher process."""
     from bcapscope.live.proxy_watcher import watch_relay
 
     try:

@@ -24,12 +24,8 @@ _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
 
 @dataclass(slots=True)
 class _ProxySide:
-    """One leg of a client's traffic: between client and proxy, or between proxy and controller.
-
-    Attributes:
-        endpoints: Source and target addresses of packets: first for packets to the client, then for packets
-            to the controller.
-        begun: Whether the recording contains the start of the TCP connection.
+    """One leg of a client's traffic. `endpoints` are source and target of packets to the client, and to the
+    controller. `begun` says whether the recording contains the start of the TCP connection.
     """
 
     is_client_side: bool
@@ -43,24 +39,19 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""A packet to write: time in ns since 1970, leg, record of the ring buffer, and number of that record.
-"""
+"""A packet to write: ns since 1970, leg, record of the ring buffer, and number of that record."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
 _MAX_PAIR_ENCODERS = 1024
-"""Maximum number of cached packet encoders. Each client, direction and datagram size has its own encoder. A
-full cache is emptied.
-"""
+"""Maximum number of cached packet encoders, one per client, direction and datagram size."""
 
 
 class ProxyRecorder:
     """Converts the relay's records into packets, sorts them by time, and writes them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """If `keeps_packet_numbers` is True, the recorder keeps all packet numbers until your code reads them
-        with `next_packet_numbers`.
-        """
+        """With `keeps_packet_numbers`, numbers are kept until `next_packet_numbers` returns them."""
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
         self._record_count = self._numbers_given = 0
@@ -72,10 +63,8 @@ class ProxyRecorder:
         ] = {}  # the key is the client, the direction (True means to the controller) and the size in bytes
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
-        """Write records in chronological order.
-
-        A packet waits in memory while packets with earlier times may still arrive. A later call of
-        `add_records` or `flush` writes the waiting packets.
+        """Write records in chronological order. A packet waits while earlier packets may still arrive; a
+        later call of `add_records` or `flush` writes it.
         """
         if not self._recorder.is_complete:
             return
@@ -138,17 +127,14 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """For each of the relay's next `count` records, return the number of the last packet on the client's
-        leg. If a record has no packet on the client's leg, the number is 0.
-
-        The packet numbers are valid only for a recording in one file.
+        """Return the number of the last packet on the client's leg for each of the relay's next `count`
+        records; 0 if there is none. The numbers are valid only for a recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count
         return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
-        """Write the datagrams in `blocks`, clear `blocks`, and return the number of datagrams."""
         count = len(blocks)
         if count:
             self._packets.write_blocks(b"".join(blocks), count)

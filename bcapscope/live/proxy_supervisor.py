@@ -52,9 +52,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.rule_policy import RulePolicy
 
 RING_SIZE = 32 << 20
-"""Size of the ring in bytes. The ring holds about 20 s of traffic of four robots that each get one set point
-per ms.
-"""
+"""Size of the ring in bytes: about 20 s of traffic of four robots with one set point per ms each."""
 
 _MAX_DESCRIPTORS = 1024
 """Requested limit of open file descriptors. A TCP client needs two descriptors. A UDP client needs one."""
@@ -63,13 +61,9 @@ _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
-"""After the relay has ended, the watcher must end within this time in seconds."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
-"""Maximum time in seconds for closing the sessions that UDP clients left open.
-
-The time is limited because an unreachable controller does not reply to the closing requests.
-"""
+"""Maximum time in seconds for closing sessions, because an unreachable controller does not reply."""
 
 _TOTALS_WITHIN = 0.5
 """Maximum time in seconds for printing the totals at the end."""
@@ -82,9 +76,7 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """Runs the relay, and starts and ends the watcher process. A control socket or scripts may use `relay`
-    before it runs.
-    """
+    """Runs the relay, and starts and ends the watcher process. `relay` may be used before it runs."""
 
     def __init__(
         self,
@@ -94,11 +86,8 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`.
-
-        Raises:
-            FileWriteError: The memory shared with the watcher cannot be allocated, or the operating system
-                cannot wait for several file descriptors.
+        """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`. Raises
+        FileWriteError if the shared memory or the relay's means to wait cannot be created.
         """
         self._options = options
         self._words = MessageFormatter(options.view.language)
@@ -126,12 +115,9 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen for clients, and return the address. The relay removes a UDP client that was silent for
-        `forget_after` ns.
+        """Listen for clients. The relay removes a UDP client that was silent for `forget_after` ns.
 
-        Raises:
-            ProxyListenError: The proxy cannot listen on this address.
-            UnreachableError: The controller's name cannot be resolved.
+        Raises ProxyListenError, or UnreachableError if the controller's name cannot be resolved.
         """
         address, ports = open_listeners(self.relay, listener, forget_after)
         self._ports += ports
@@ -141,12 +127,9 @@ class ProxySupervisor:
         """Start the watcher process and wait until it is ready.
 
         `wait_for_scripts(seconds)` waits at most `seconds` for the scripts to start, and returns whether they
-        have started. The watcher process loads while the scripts start, which saves 20 to 30 ms. Recording
-        begins when all scripts have started.
+        have. The watcher loads meanwhile, which saves 20 to 30 ms, and records when all scripts have started.
 
-        Raises:
-            FileWriteError: The recording cannot be written, or the process cannot be started.
-            KeyboardInterrupt: A signal has asked the proxy to end.
+        Raises FileWriteError if the recording or the process fails, KeyboardInterrupt after a signal.
         """
         arguments = self._memory.name, self._watcher_end, self._options
         watcher = self._context.Process(target=run_watcher, args=arguments, name="watch")
@@ -187,9 +170,7 @@ class ProxySupervisor:
 
     def run(self, on_ready: Callable[[], None]) -> None:
         """Accept clients, call `on_ready`, and forward traffic until the proxy must end. Then shut down.
-
-        Raises:
-            KeyboardInterrupt: A signal arrived before the proxy started.
+        Raises KeyboardInterrupt if a signal arrived before the proxy started.
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
@@ -221,7 +202,6 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals of the traffic, because the watcher has ended without a summary."""
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
         report = () if self.relay.policy is None else self.relay.policy.report()
@@ -230,9 +210,7 @@ class ProxySupervisor:
         _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait until the watcher has printed its summary, then release all resources. Another signal ends the
-        wait.
-        """
+        """Wait until the watcher has printed its summary or a signal arrives, then release all resources."""
         if self._wakefulness is not None:
             self._wakefulness.allow_deep_sleep()
         for port in self._ports:  # `run` was not called, so the relay does not own the listeners
@@ -271,9 +249,7 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory. The memory is freed when all processes that use it have
-        ended.
-        """
+        """Remove the name of the shared memory, which is freed when all its users have ended."""
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
@@ -336,11 +312,8 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
-        sessions. A closed pipe means that the watcher has ended.
-
-        This method never waits for a message. If the method waited for a message that was already read, the
-        relay and the watcher would block each other.
+        """Read the requests that close sessions, if they have arrived. A closed pipe means that the watcher
+        has ended. Never wait: if the message was already read, relay and watcher would block each other.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -364,9 +337,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions that UDP clients left open. Sessions in which a robot may still move are closed
-        first.
-        """
+        """Close the sessions that UDP clients left open, first those in which a robot may still move."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -388,19 +359,16 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals report
-    that the other end was closed.
-    """
+    """Return whether the descriptor is of a kind that reports when the other end was closed."""
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print to standard error in a new thread, and return the thread. If the terminal is stopped, for example
-    by Ctrl-S, only this thread waits.
+    """Print to standard error in a new thread, which alone waits if the terminal is stopped, as by Ctrl-S.
 
-    The thread bypasses Python's buffer. While a thread waits inside Python's buffer, the thread holds the
-    buffer's lock and prevents the end of the program.
+    The thread bypasses Python's buffer. If a thread waited inside it, the thread would hold the buffer's lock
+    and prevent the end of the program.
     """
 
     def write() -> None:
@@ -413,9 +381,7 @@ def _print_aside(text: str) -> threading.Thread:
 
 
 def _shared_memory(size: int) -> SharedMemory:
-    """Create shared memory, filled with zeros. Allocate all pages now, because a process is killed if a page
-    cannot be allocated later.
-    """
+    """Allocate all pages now, because a process is killed if a page cannot be allocated later."""
     try:
         if sys.platform != "win32":
             # If the proxy is killed, Python's resource tracker frees the memory.

@@ -54,26 +54,18 @@ POLL_INTERVAL = 0.025
 """Usual time in seconds between two polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Maximum time in seconds for decoding between two polls of the ring, because the watcher records nothing
-while it decodes.
-"""
+"""Maximum time in seconds for decoding between two polls, because nothing is recorded meanwhile."""
 
 _MAY_WAIT_SHARE = 0.25
 """While less than this share of the ring is filled, the watcher may pause and leave records undecoded.
-Without pauses between polls, the watcher would keep a processor busy, and each round trip through the proxy
-would take longer.
+Without pauses, it would keep a processor busy, and each round trip through the proxy would take longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Maximum age in ns of undecoded traffic: `_PUBLISHED_WITHIN_NS` if the watcher has a subscriber,
-`_SHOWN_WITHIN_NS` if not. If undecoded traffic is older than the maximum age, the watcher does not pause
-between polls.
-"""
+"""Age in ns of undecoded traffic, without and with a subscriber, above which the watcher does not pause."""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Two numbers for the pause after a poll: its length relative to the duration of the poll, and its maximum
-length in seconds.
-"""
+"""The pause after a poll: its length relative to the duration of the poll, and its maximum in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
@@ -85,16 +77,10 @@ _RECORDS_AT_ONCE = 128
 _RECORDS_PER_YIELD = 32
 """Number of records that the watcher writes to the recording before it yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Number of frames that the watcher decodes before it yields the processor.
-
-To yield the processor takes a quarter of the time that the watcher needs to decode a frame.
-"""
+"""Number of frames. To yield the processor takes a quarter of the time that decoding a frame takes."""
 
 _CATCHES_UP_WITHIN = 10.0
-"""Maximum time in seconds for decoding the remaining records after the relay has ended.
-
-The watcher writes all remaining records to the recording, without a time limit.
-"""
+"""Maximum time in seconds for decoding, but not for recording, the rest after the relay has ended."""
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
@@ -110,11 +96,9 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
                 Recorder(options.record, screen.show, options.ring),
                 keeps_packet_numbers=subscriber is not None,
             )
-    except FileWriteError as error:
-        relay.send_bytes(encode_message(error.reason))
-        return False
-    except OSError as error:
-        relay.send_bytes(encode_message(os_reason(error)))
+    except (FileWriteError, OSError) as error:
+        reason = error.reason if isinstance(error, FileWriteError) else os_reason(error)
+        relay.send_bytes(encode_message(reason))
         return False
     shared = SharedMemory(memory)
     assert shared.buf is not None
@@ -144,9 +128,7 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Writes the relay's traffic to the recording, before the watcher decodes it. Records stay in the ring
-    until they are decoded.
-    """
+    """Records the relay's traffic. Records stay in the ring until they are decoded, later."""
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
         self.reader = reader
@@ -155,9 +137,7 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Write the relay's complete records to the recording. A record that may still be incomplete stays in
-        the ring until the next call of `record_available`.
-        """
+        """Write the complete records in the ring to the recording."""
         until = self.reader.bytes_written
         while self.reader.position < until and (records := self.reader.read_records(_RECORDS_PER_YIELD)):
             self._recorder.add_records(records)
@@ -168,8 +148,7 @@ class RecorderTask:
 class ProxyWatcher:
     """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic.
 
-    The watcher's use of memory is limited, because undecoded records wait in the ring, and all subscribers
-    limit their data.
+    Memory is limited: undecoded records wait in the ring, and all subscribers limit their data.
     """
 
     def __init__(
@@ -230,26 +209,19 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Write the relay's new records to the recording, then decode for at most `_DECODE_FOR` seconds.
-        Return how many seconds to wait before the next poll.
-        """
+        """Record, then decode for at most `_DECODE_FOR`. Return the seconds to wait before the next poll."""
         began = time.monotonic()
         if self._recorder_task is not None:
             self._recorder_task.record_available()
         is_busy = self._decode()
         self._do_periodic_work()
         took = time.monotonic() - began
-        return (
-            min(max(POLL_INTERVAL, took * _REST_FACTOR), _LONGEST_REST)
-            if not is_busy or self._may_rest()
-            else 0
-        )
+        if is_busy and not self._may_rest():
+            return 0
+        return min(max(POLL_INTERVAL, took * _REST_FACTOR), _LONGEST_REST)
 
     def _may_rest(self) -> bool:
-        """Return whether the watcher may pause while undecoded records wait in the ring.
-
-        The watcher may pause only if new traffic arrives, the ring has space, and no record is too old.
-        """
+        """Return whether new traffic arrives, the ring has space, and no undecoded record is too old."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -302,7 +274,6 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """After a client is gone, complete its calls, report what it left open, and drop its data."""
         self._traffic.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
@@ -317,7 +288,6 @@ class ProxyWatcher:
         self._view.lines = []
 
     def _do_periodic_work(self) -> None:
-        """Do the work that does not depend on new traffic, such as printing findings and the status."""
         now = time.time_ns()
         if not self._reader.bytes_waiting:
             self._traffic.expire(now - _DECODING_DELAY_NS)
@@ -342,7 +312,6 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Write the delay figures to the ring, and show the status on the terminal."""
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -371,7 +340,6 @@ class ProxyWatcher:
             self._terminal.show(message)
 
     def _closing_requests(self) -> bytes:
-        """Return a JSON list of `ClosingRequests`, which close all open sessions."""
         # Do not wait for further retries of answered calls: complete the calls now.
         self._traffic.flush()
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)

@@ -13,24 +13,19 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording for programs that must continue even if the disk fails. After a failure, the recorder warns
-    once and drops packets.
+    """A recording that fails without an exception: if the disk fails, it warns once and drops packets.
 
     Attributes:
-        files: The one file of the recording, or the ring of files.
-        packets: Object to which you add packets. Adding a packet never raises an exception. `flush` writes
-            the added packets to the file.
+        packets: Adding a packet to this object never raises an exception; `flush` writes the packets.
         is_complete: Whether all packets could be written so far.
     """
 
     def __init__(
         self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
     ) -> None:
-        """Create the file. In a ring of files, the name of each file contains a number and a time. The
-        function `warn` must not block.
+        """Create the file. In a ring, each file name contains a number and a time. `warn` must not block.
 
-        Raises:
-            FileWriteError: The file exists already, or cannot be written.
+        Raises FileWriteError if the file exists already, or cannot be written.
         """
         try:
             self.files = RotatingRecording(path, ring)
@@ -44,11 +39,7 @@ class Recorder:
         self._has_warned_full = False
 
     def begin_packet(self) -> bool:
-        """In a ring of files, begin the next file if the current file is full. Return whether a new file
-        began.
-
-        Call this method before you add a packet to a ring of files.
-        """
+        """Call this before you add a packet to a ring of files. Return whether a new file began."""
         try:
             return self.is_complete and self.files.rotate_if_full()
         except OSError as error:

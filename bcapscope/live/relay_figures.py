@@ -23,8 +23,6 @@ _LOSSES = (
 
 
 class DelayStatistics:
-    """Statistics of the relay's delay for data that no rule of the proxy affected."""
-
     def __init__(self) -> None:
         self._histograms = {True: Histogram(), False: Histogram()}
         self._slow_count = 0
@@ -45,16 +43,13 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return one warning if the relay delayed data for longer than `SET_POINT_DEADLINE_NS`; later calls
-        return None.
-        """
+        """Return a warning, once, if the relay delayed data for longer than `SET_POINT_DEADLINE_NS`."""
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True
         return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
     def status(self) -> Message | None:
-        """Return the median and the 99.9th percentile of the delay in each direction, if there are data."""
         parts = [
             Message(f"relay.status.{name}", figures=f"{spread.p50:.0f}/{spread.p999:.0f}")
             for name, spread in self._spreads()
@@ -90,9 +85,7 @@ class DelayStatistics:
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
-    """Return how many datagrams per second the relay sent; `before` holds the counts from `seconds` seconds
-    earlier.
-    """
+    """Return datagrams per second sent by the relay. `before` holds the counts `seconds` earlier."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)
@@ -101,16 +94,13 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield a message for each kind of traffic that was lost, denied, changed by rules of the proxy, or not
-    watched.
-    """
+    """Yield a message for each kind of traffic that was lost, denied, changed by rules or not watched."""
     for counter in _LOSSES:
         if counts[counter]:
             yield Message(f"relay.{counter.name.lower()}", count=counts[counter])
 
 
 def totals(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield the total numbers of clients, datagrams and bytes, each as a clause of a sentence."""
     yield Message("relay.clients", clients=Count(counts[RelayCounter.CLIENTS], "client"))
     names = "came_up", "left_up", "came_down", "left_down"
     yield Message("relay.datagrams", **{name: counts[RelayCounter[name.upper()]] for name in names})

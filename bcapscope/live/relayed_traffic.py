@@ -51,7 +51,6 @@ class RelayedTraffic:
         self._add_joined(self._legs.close())
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Complete the calls of a client that has disconnected, and drop its data."""
         self._add_joined(self._legs.close_conversation(conversation))
         self._pipeline.close_conversation(conversation)
 

@@ -33,10 +33,7 @@ def reachability(host: str) -> Message:
 
 
 class ServerRunner:
-    """Runs a server for a command, and writes its log and its recording."""
-
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Prepare the output. If `quiet` is True, calls are not logged."""
         self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
@@ -47,9 +44,7 @@ class ServerRunner:
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
         """Listen for clients. Ctrl-C, SIGTERM and SIGHUP end the `with` block gracefully.
 
-        Raises:
-            SimulatorListenError: The server cannot listen on this address.
-            FileWriteError: The recording cannot be written.
+        Raises SimulatorListenError, or FileWriteError if the recording cannot be written.
         """
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
@@ -67,12 +62,10 @@ class ServerRunner:
     ) -> None:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
-        The priority is needed because the simulated controller must keep its cycle of 8 ms. In a test with
-        six busy processes on two processors, three of five runs of `play` failed without this priority,
-        because the simulator received set points too late.
+        The simulated controller must keep its cycle of 8 ms. In a test with six busy processes on two
+        processors, three of five runs of `play` failed without this priority.
 
-        `serve` calls `on_readable` with each readable descriptor of `watched`. `on_readable` may also change
-        `watched`.
+        `on_readable` gets each readable descriptor of `watched`, and may change `watched`.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):
@@ -99,10 +92,8 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Log lines for stdout. Each line is formatted after the client got its reply, and written within
-    `_FLUSH_AFTER_NS` ns.
-
-    If a call is refused, the reason is printed to stderr, even if calls are not logged.
+    """Log lines for stdout, formatted after the reply and written within `_FLUSH_AFTER_NS`. The reason of a
+    refusal is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -128,9 +119,6 @@ class ServerCallLog:
             self._pending.append(f"# {self._words.text(note)}")
 
     def flush_if_due(self) -> None:
-        """Format the pending entries, and write them if the last write was more than `_FLUSH_AFTER_NS` ns
-        ago.
-        """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:
             self.flush()

@@ -13,9 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr, without colours if stderr is not a terminal. If the terminal is closed, write
-    nothing.
-    """
+    """Write a line to stderr, without colours unless it is a terminal, and not at all if it is closed."""
     stream = sys.stderr
     if stream is None:
         return
@@ -28,18 +26,14 @@ def print_stderr(text: str) -> None:
 
 
 def choose_palette(color: str) -> Palette:
-    """Return the colours to use; `color` is `always`, `never` or `auto`. With `auto`, the variable NO_COLOR
-    switches colours off (no-color.org).
-    """
+    """`color` is `always`, `never` or `auto`, for which NO_COLOR switches colours off (no-color.org)."""
     if color == "auto":
         return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
     return ANSI if color == "always" else PLAIN
 
 
 def can_poll_stdin() -> bool:
-    """Return whether this process can poll stdin for input. A background job cannot read from its terminal.
-    On Windows, `select` accepts only sockets.
-    """
+    """A background job cannot read from its terminal. On Windows, `select` accepts only sockets."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:
@@ -49,17 +43,13 @@ def can_poll_stdin() -> bool:
 
 
 def discard_stdout() -> None:
-    """Discard output that is still in Python's buffer, because stdout did not accept it.
-
-    If the output were not discarded, Python would try to write it again at exit.
-    """
+    """Discard what stdout did not accept. Otherwise, Python would try to write it again at exit."""
     _redirect_to_null(sys.stdout)
 
 
 def discard_unwritable_output() -> None:
-    """Flush stdout and stderr. If a terminal is closed, discard its output.
-
-    If the output were not discarded, Python would try to write it again at exit, and would exit with 120.
+    """Flush stdout and stderr, and discard the output of a closed terminal. Otherwise, Python would try to
+    write it again at exit, and would exit with 120.
     """
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -14,9 +14,7 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # matches arrow k
 
 
 class TerminalKeys:
-    """After `start`, the terminal delivers each key at once and without echo, until `stop`. Ctrl-C works as
-    usual.
-    """
+    """Between `start` and `stop`, the terminal delivers each key at once and without echo. Ctrl-C works."""
 
     def __init__(self) -> None:
         self.is_on = False

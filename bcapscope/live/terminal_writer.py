@@ -1,6 +1,4 @@
-"""Writes to a terminal from separate threads. If output to the terminal is stopped, for example by Ctrl-S,
-only the writing threads wait.
-"""
+"""Writes to a terminal from separate threads, which alone wait if it is stopped, for example by Ctrl-S."""
 
 from __future__ import annotations
 
@@ -24,31 +22,24 @@ drops newer lines and newer messages. `TerminalWriter` reports how many lines it
 """
 
 _LINES_WITHIN = 2.0
-"""Maximum time in seconds that `close` spends on writing the remaining lines."""
 
 _MESSAGES_WITHIN = 0.5
-"""Maximum time in seconds that `close` spends on writing the remaining messages."""
 
 _WRITE_SIZE = 4096
-"""Maximum number of bytes in one write. A pipe accepts a write of up to this size completely, or not at all
-(PIPE_BUF of Linux).
-"""
+"""A pipe accepts a write of up to this size completely, or not at all (PIPE_BUF of Linux)."""
 
 ERASE_LINE = "\r\x1b[K"
-"""Erases the status line."""
 
 
 class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    One thread writes lines to stdout, and another thread writes messages to stderr. Therefore, bcapscope can
-    still show a message if stdout blocks. If stdout is closed or its disk is full, a message reports the
-    error, and the program continues. The writer bypasses Python's buffers. A thread that waits for the
-    terminal would hold the lock of the buffer and delay the end of the program.
+    Lines and messages have separate threads, so that messages appear even if stdout blocks. If stdout is
+    closed or its disk is full, a message reports this. The writer bypasses Python's buffers, because a thread
+    that waits for the terminal would hold the lock of the buffer and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start the threads. `words` turns each `Message` into text."""
         self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()
@@ -112,8 +103,6 @@ class TerminalWriter:
             self._changed.notify_all()
         self._message_thread.join(_MESSAGES_WITHIN)
 
-    # lines
-
     def _run_lines(self) -> None:
         over = False
         while not over:
@@ -142,8 +131,6 @@ class TerminalWriter:
             discard_stdout()
             is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC
             self.write_message(self._words("terminal.stdout.full" if is_full else "terminal.stdout.closed"))
-
-    # messages and the status line
 
     def _run_messages(self) -> None:
         over = False

@@ -1,18 +1,13 @@
-"""Controls the priority of the watcher, so that it does not take processor time from the relay and other
-programs.
+"""Controls the priority of the watcher, so that it does not delay the relay and other programs.
 
-Measured 99.9th percentile of round trips: 2.6 ms with the watcher at nice 10, 0.5 ms with the watcher at idle
-priority. During this measurement of round trips, a client program and a server program shared two processors
-with the proxy. When another process wakes up, Linux interrupts a process of idle priority at once. Linux may
-let a process above idle priority finish its time slice of about 3 ms.
+Measured 99.9th percentile of round trips, with a client and a server on the same two processors: 2.6 ms with
+the watcher at nice 10, 0.5 ms at idle priority. When another process wakes up, Linux interrupts a process of
+idle priority at once, but others perhaps only after their time slice of about 3 ms. Sometimes, Linux is too
+late, because it decides only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also yields
+the processor after each 0.1 or 0.2 ms of work.
 
-However, Linux sometimes interrupts a process with idle priority too late. Linux updates the run time of a
-process, and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher
-therefore also yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
-
-If other programs are always busy, a process of idle priority gets almost no processor time. If a process
-calls `sched_yield` on a busy processor, the process loses a whole time slice. The relay checks how far the
-watcher has read. If the watcher reads too slowly, the relay raises the watcher's priority.
+If other programs are always busy, a process of idle priority gets almost no processor time, and `sched_yield`
+costs a whole time slice. If the watcher reads too slowly, the relay raises its priority.
 """
 
 from __future__ import annotations
@@ -28,8 +23,7 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""If the watcher does not read new records within this many seconds, the relay raises the watcher's priority.
-"""
+"""Seconds without reading new records, after which the relay raises the watcher's priority."""
 
 OVERDUE_AFTER = 0.4
 """If the watcher does not read new records within this many seconds, the relay sets the highest
@@ -44,8 +38,6 @@ IDLE_AGAIN_AFTER = 30.0
 
 
 class WatcherUrgency(IntEnum):
-    """How urgently the watcher needs the processor."""
-
     NONE = 0
     """The watcher has idle priority, and yields the processor between pieces of work."""
     SOME = 1
@@ -58,9 +50,7 @@ class WatcherPriority:
     """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with the watcher at idle priority. `set_idle(True)` switches the watcher to idle priority,
-        and `set_idle(False)` switches the watcher to normal priority.
-        """
+        """Start at idle priority. `set_idle` switches to idle priority (True) or normal priority (False)."""
         self._ring = ring
         self._set_idle = set_idle
         self._urgency = WatcherUrgency.ALL
@@ -99,9 +89,7 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor. At the highest `WatcherUrgency`, the returned function
-    does nothing.
-    """
+    """Return a function that yields the processor, except at the highest `WatcherUrgency`."""
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
@@ -122,11 +110,9 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that sets the priority of the process with the id `process`.
+    """Return a function that switches a process to idle priority (True) or to our nice value (False).
 
-    Call the returned function with True for idle priority, or with False for normal priority. Normal priority
-    means the nice value of the calling process. If the user may not move a process out of idle priority, the
-    returned function does nothing.
+    If the user may not move a process out of idle priority, the function does nothing.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0

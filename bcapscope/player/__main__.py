@@ -1,7 +1,6 @@
 """The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
-The process has one thread and no event loop. The process reads the user's orders, such as stop, from standard
-input and writes messages to standard output. Standard error is for Python's own error messages.
+One thread, without an event loop, reads orders from standard input and writes messages to standard output.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ from bcapscope.protocol.codec.variant import Value
 
 
 def main() -> None:
-    """Read a plan from standard input, and play the trajectory in it."""
     messages = os.dup(1)
     os.dup2(2, 1)  # text that a module prints must not mix with the messages
     pipe = PlayerPipe(0, messages)
@@ -41,24 +39,18 @@ def main() -> None:
             recording = stack.enter_context(open_recording(plan.record))
             log = stack.enter_context(open_new_file(plan.log))
         except OSError as error:
-            pipe.send(
-                PlayEnded(
-                    PlayOutcome.UNWRITABLE,
-                    Message("file.not-written", path=error.filename, reason=os_reason(error)),
-                )
-            )
-            pipe.wait_until_sent()
-            return
-        pipe.send(play(plan, pipe, recording, log))
+            reason = Message("file.not-written", path=error.filename, reason=os_reason(error))
+            ended = PlayEnded(PlayOutcome.UNWRITABLE, reason)
+        else:
+            ended = play(plan, pipe, recording, log)
+        pipe.send(ended)
     pipe.wait_until_sent()
 
 
 def play(
     plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
 ) -> PlayEnded:
-    """Play a plan and return how the play ended. If there is a `recording`, record all frames; if there is a
-    `log`, save the controller's log.
-    """
+    """Play a plan. Record all frames if there is a `recording`, and save the controller's log in `log`."""
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as granted:
         if plan.aftermath is None:
@@ -86,9 +78,7 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the recording. Call `read_records`, and write the resulting records to `log`. Return the message
-    that ends the play.
-    """
+    """Write the recording and, if there is a `log`, the records that `read_records` returns."""
     reasons: list[Message] = []
     try:
         recorder.save_capture(channel)

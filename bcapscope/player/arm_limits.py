@@ -1,10 +1,7 @@
-"""Limits of an arm for each axis. Computes the speed and acceleration of set points, as values and as shares
-of the arm's limits.
+"""Limits of an arm for each axis, and the speed and acceleration of set points relative to these limits.
 
 The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
-so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If the speed limit of an
-axis is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave moves faster than `MAX_ARM_SPEED`, so the
-pre-flight check rejects a trajectory that exceeds this speed.
+so bcapscope knows only those of the simulator's arm, and the user gives those of a real arm.
 """
 
 from __future__ import annotations
@@ -30,15 +27,12 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""Highest plausible speed of an axis: in degrees per second or mm per second, by the unit of the axis.
-"""
+"""Speed in deg/s or mm/s that no arm of DENSO Wave exceeds. It replaces an unknown speed limit."""
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
 MAX_LIMIT = 1e9
-"""Largest number that a user may set as a limit, whatever the unit of the limit. Limits of real robots are
-far smaller.
-"""
+"""Largest number that a user may set as a limit, in any unit. Limits of real robots are far smaller."""
 
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
@@ -48,13 +42,11 @@ _EXAMPLES = "J1=-170..170, J1.speed=300, J1..J3.acceleration=6000"
 
 @dataclass(frozen=True, slots=True)
 class ArmLimits:
-    """Limits of one arm. `axis_count` is the number of joints; None if it is unknown.
+    """Limits of one arm; an unknown limit is infinite, an unknown `to_joints` or `axis_count` is None.
 
     Attributes:
-        axes: Limits of each known axis; the key is the name of the axis. Limits are in degrees or mm; limits
-            of speed are per second, limits of acceleration per second squared. An unknown limit is infinite.
-        to_joints: Function that computes the joints for a pose of P or T type, and raises an exception if the
-            pose is out of reach. `to_joints` is None if the arm's kinematics are unknown.
+        axes: Limits by axis name, in degrees or mm, per second (speed) or second squared (acceleration).
+        to_joints: Computes the joints for a pose of P or T type; raises BcapError if it is out of reach.
     """
 
     arm_name: Message
@@ -63,7 +55,6 @@ class ArmLimits:
     axis_count: int | None = None
 
     def known_limit(self, name: str) -> AxisLimit:
-        """Return the known limits of an axis; an unknown limit is infinite."""
         return self.axes.get(name, _UNLIMITED)
 
     def limit_for(self, name: str, unit: str) -> AxisLimit:
@@ -80,13 +71,10 @@ SIMULATED_ARM = ArmLimits(
     joints_of,
     AXIS_COUNT,
 )
-"""Limits of the simulator's arm. A scenario can set narrower software limits, which the simulator does not
-report to clients.
-"""
+"""A scenario can set narrower software limits, which the simulator does not report to clients."""
 
 
 def limits_for_arm(type_name: str) -> ArmLimits:
-    """Return the limits of the arm with this type name; `UNKNOWN_ARM` if the name is unknown."""
     return SIMULATED_ARM if type_name == ROBOT_TYPE else UNKNOWN_ARM
 
 
@@ -136,10 +124,8 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryMotion:
-    """The motion of some axes in mm or degrees, with `period` seconds between two rows.
-
-    Each set point has a row; the row is NaN if the set point is out of reach. Angles continue beyond 180°
-    instead of jumping to -180°.
+    """The motion of some axes in mm or degrees, one row per set point, `period` seconds apart. The row of a
+    set point out of reach is NaN. Angles continue beyond 180° instead of jumping to -180°.
     """
 
     axes: tuple[Axis, ...]
@@ -153,16 +139,12 @@ class TrajectoryMotion:
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration from three successive set points, in units per second squared. Controllers also
-        compute acceleration from three successive set points.
-        """
+        """In units per second squared, from three successive set points, as controllers compute it."""
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield one `TrajectoryMotion` with all axes in `points` that have a unit. For poses of type P or T,
-    yield a second `TrajectoryMotion` for the joints if `limits.to_joints` is known.
-    """
+    """Yield the motion of the axes with a unit. For P and T, also yield that of the joints, if computable."""
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(
@@ -184,9 +166,7 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest speed or acceleration of the set points, as a share of its limit. If a set point is
-    out of reach, return infinity.
-    """
+    """Return the largest share of a speed or acceleration limit; infinity if a set point is out of reach."""
     worst = 0.0
     for motion in motions_of(kind, points, period, limits):
         known = [limits.limit_for(axis.name, axis.unit) for axis in motion.axes]

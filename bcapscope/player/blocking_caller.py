@@ -1,9 +1,8 @@
-"""A channel to a controller, and calls over this channel, without an event loop.
+"""A channel to a controller, and calls over it, without an event loop, which could delay a set point.
 
-No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
-from the channel. Code that must send at a deadline uses `begin_call`, `send_due` and `wait_for_outcome`, the
-separate steps of a call. A `Session` uses `perform_call`, which makes a whole call. These four methods share
-a requester, and therefore one sequence of serials.
+One thread drives the requester and waits for data. Code that must send at a deadline uses the separate steps
+of a call: `begin_call`, `send_due` and `wait_for_outcome`. A `Session` uses `perform_call`. All share one
+requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -43,35 +42,27 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns. The thread sleeps until `SPIN_TIME` before a deadline, and then polls the clock until the
-deadline. The operating system ends a sleep late, but by less than `SPIN_TIME`.
-"""
+"""Time in ns before a deadline at which a sleep ends. The operating system ends a sleep late, but by less."""
 
 _DATAGRAM_SIZE = 4096
-"""Largest datagram, in bytes, that the channel reads. A UDP datagram from a controller has at most 503 bytes.
-"""
+"""Bytes to read at once. A UDP datagram from a controller has at most 503 bytes."""
 
 _STREAM_READ_SIZE = 512
-"""Maximum number of bytes to read from a stream at once, enough for a few replies. After a delay, a
-controller may send a hundred replies together. Reading a hundred replies at once would take longer than the
-time between two set points.
+"""Bytes to read from a stream at once: a few replies. A delayed controller may send a hundred replies
+together. Reading all of them at once would take longer than the time between two set points.
 """
 
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Tolerance in ns for changes of the offset between the system clock and the monotonic clock. If the offset
-changes by more than `_CLOCK_TOLERANCE`, the system clock was set or the thread was delayed.
-"""
+"""Largest change in ns of the offset between the system clock and the monotonic clock that is ignored."""
 
 
 class Channel:
-    """A socket that is connected to the controller, so that the operating system drops datagrams from other
-    senders.
+    """A connected socket, so that the operating system drops datagrams from other senders.
 
-    All times are in ns of the operating system's monotonic clock. `arrival_time` is the time at which the
-    newest received bytes arrived. If the operating system does not report an arrival time, `arrival_time` is
-    the time at which the player read the bytes. Every method raises OSError if the connection is lost.
+    All times are in ns of the monotonic clock. `arrival_time` is the time at which the newest bytes arrived,
+    or were read if the system does not report it. Every method raises OSError if the connection is lost.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -102,9 +93,7 @@ class Channel:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep until about `until`. If the operating system records no arrival times, return immediately. A
-        sleeping thread would record arrival times too late.
-        """
+        """Sleep until about `until`, but only if the operating system records when data arrive."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
             time.sleep(length / 1e9)  # the caller needs no data before the sleep ends
@@ -121,11 +110,9 @@ class Channel:
             self._socket.sendall(data)
 
     def receive(self, until: int) -> bytes | None:
-        """Return the next bytes, but only a small number of them; None if nothing arrives until the time
-        `until`.
+        """Return the next bytes, but only a few; None if nothing arrives until the time `until`.
 
-        Raises ConnectionRefusedError if the controller's port is closed. Over UDP, the caller may continue
-        with retries.
+        Raises ConnectionRefusedError if the controller's port is closed; over UDP, retries may continue.
         """
         while True:
             try:
@@ -161,9 +148,7 @@ def _measure_epoch_offset() -> int:
 
 
 def open_channel(host: str, port: int, tcp: bool, local_port: int = 0) -> Channel:
-    """Open a channel. If `local_port` is 0, the operating system chooses the local UDP port. Raises OSError
-    if the host is unknown.
-    """
+    """Open a channel. `local_port` applies to UDP; 0 means any free port. Raises OSError."""
     if tcp:
         sock = socket.create_connection((host, port), _CONNECT_TIMEOUT)
     else:
@@ -192,15 +177,11 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that gets every frame. Arguments: True for a sent frame, the frame's bytes, and the monotonic time
-in ns.
-"""
+"""Gets each frame: True if it was sent, its bytes, and the monotonic time in ns."""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
-    """Run a coroutine without an event loop. Everything that the coroutine awaits must block instead of
-    waiting for an event loop.
-    """
+    """Run a coroutine in which everything awaited blocks instead of waiting for an event loop."""
     try:
         steps.send(None)
     except StopIteration as end:
@@ -213,9 +194,7 @@ ABORT_CHECK_INTERVAL = 50_000_000
 """Time in ns between two calls of the function `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""Time in ns by which `BlockingCaller.sleep_until_due` shortens its sleep. After the shortened sleep, the
-caller still has time to read a reply that arrived during the sleep.
-"""
+"""Time in ns by which `sleep_until_due` ends early, to read a reply that arrived during the sleep."""
 
 
 def ignore_frame(sent: bool, raw: bytes, time: int) -> None:
@@ -227,8 +206,7 @@ class BlockingCaller:
 
     Attributes:
         late_replies: Late replies that the pacer has not yet evaluated. The pacer clears this list.
-        check_abort: Function that is called regularly while `perform_call` waits. If the function raises an
-            exception, the call ends.
+        check_abort: Called regularly while `perform_call` waits. If it raises an exception, the call ends.
         overslept: Time in ns by which the operating system prolonged the waits of the current call.
     """
 
@@ -251,10 +229,7 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return its outcome. This method blocks and uses no event loop.
-
-        Raises LocalProtocolError if the call cannot be sent, and OSError if the connection is lost.
-        """
+        """Raises LocalProtocolError if the call cannot be sent, OSError if the connection is lost."""
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
             self.send_due()
@@ -294,10 +269,7 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Send retries until the call ends or the time `until` comes. Return None if the call has not ended.
-
-        Data are read in small portions, so that many late replies do not delay the caller.
-        """
+        """Send retries until the call ends or the time `until` comes; return None in the latter case."""
         requester = self._requester
         while True:
             settled = self._next_outcome()
@@ -317,12 +289,7 @@ class BlockingCaller:
                 return self._next_outcome()
 
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
-        """Wait, without sending, for a reply to a call that was given up; return None if no reply came.
-
-        `serials` holds the serials of the call's attempts. The method also accepts a late reply that arrived
-        before the method was called. The method sends no retry, because a retry would not change the result
-        of the call.
-        """
+        """Wait, without sending, for a late reply with one of `serials`, unless it has arrived already."""
         while True:
             self._next_outcome()
             for late in self.late_replies:
@@ -336,16 +303,13 @@ class BlockingCaller:
                 return None
 
     def abandon(self) -> CallTimedOut:
-        """Give up the running call, and return a time-out as its outcome."""
         return CallTimedOut(self._requester.abandon())
 
     def close(self) -> None:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """Return received bytes. If the controller's UDP port is closed, remember this fact and return None,
-        so that retries continue.
-        """
+        """If the controller's UDP port is closed, only record this, so that retries continue."""
         link = self.link
         end = max(until, link.now())
         try:

@@ -28,18 +28,14 @@ SOURCE_FORMAT = Message("trajectory.format.capture")
 
 @dataclass(slots=True)
 class _SlaveSessionPoints:
-    """Collects the set points of one slave-mode session while the capture is read."""
-
     trajectory: seen.CapturedTrajectory
     numbers: array[float] = field(default_factory=lambda: array("d"))
     odd_count: int = 0
 
 
 def read_capture(source: TrajectorySource, options: ReadOptions) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session in a capture.
-
-    Raises TrajectoryError if there are no set points of the wanted type. Raises CaptureError if the capture
-    is damaged before the first set point.
+    """Read the set points of each slave-mode session in a capture. Raises TrajectoryError if none has the
+    wanted type, and CaptureError if the capture is damaged before the first set point.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     problems: list[CaptureError] = []

@@ -1,7 +1,4 @@
-"""Checks of a trajectory's numbers, pose type and times, and the results of a pre-flight check.
-
-Each check reports one problem, or one problem per axis.
-"""
+"""Checks of a trajectory's numbers, pose type and times, and the results of a pre-flight check."""
 
 from __future__ import annotations
 
@@ -22,9 +19,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
 
 MAX_NUMBERS = 8
-"""Maximum number of set points in `PreflightProblem.points`. `PreflightProblem.count` is the total number of
-set points with the problem.
-"""
+"""Maximum number of set points in `PreflightProblem.points`."""
 
 SAME_INTERVAL = 0.01
 """The pre-flight check treats two intervals as equal if they differ by at most 1 %."""
@@ -42,16 +37,12 @@ _CORRECT = Message("preflight.advice.correct-file")
 
 @dataclass(frozen=True, slots=True)
 class PreflightProblem:
-    """A problem that the pre-flight check found. A problem is an error, a warning or a remark.
+    """A problem that the pre-flight check found. An error forbids playing.
 
     Attributes:
         check: Name of the check, such as `speed`.
-        severity: Severity of the problem; an error forbids playing.
-        fact: One clause that says what is wrong.
-        advice: One clause that says what to do; None if there is nothing to do.
-        points: Numbers of the set points that have the problem, counted from 1; at most `MAX_NUMBERS`.
-        count: Total number of set points that have the problem; 0 if the problem concerns the trajectory as a
-            whole.
+        points: Numbers of the first `MAX_NUMBERS` set points with the problem, counted from 1.
+        count: Number of all set points with the problem; 0 if it concerns the trajectory as a whole.
     """
 
     check: str
@@ -64,10 +55,8 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """Input of the pre-flight checks. An unknown input is None.
-
-    `period` is the time in seconds between two calls of slvMove. `current_pose` has the same pose type as the
-    trajectory.
+    """Input of the pre-flight checks; an unknown input is None. `period` is in seconds, from one call of
+    slvMove to the next. `current_pose` has the pose type of the trajectory.
     """
 
     trajectory: Trajectory
@@ -79,10 +68,8 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints of a known arm, or the number that the controller reports; None if unknown.
-
-        Most controllers report eight joints, with 0 for joints that the robot lacks. If a controller reports
-        eight joints, the robot may have fewer joints.
+        """Number of joints of a known arm, or the number that the controller reports; None if unknown. Most
+        controllers report eight joints, even if the robot has fewer.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count
@@ -92,18 +79,14 @@ class PreflightContext:
 
     @property
     def step(self) -> float | None:
-        """Time in seconds between two set points according to the file; None if the file has unequal
-        intervals.
-        """
+        """Seconds between two set points according to the file; None if its intervals are unequal."""
         if self.trajectory.period is None and self.trajectory.times is not None:
             return None
         return self.trajectory.period or self.period
 
 
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
-    """Return the numbers of the first `MAX_NUMBERS` set points for which `where` is True, and the count of
-    all such set points.
-    """
+    """Return the first `MAX_NUMBERS` numbers of set points for which `where` is True, and their count."""
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
@@ -111,9 +94,7 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
 def error_at(
     where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
-    """Yield an error if `where` is True for any set point. The error's placeholder `points` holds the number
-    of set points for which `where` is True.
-    """
+    """Yield an error, with the place `points`, if `where` is True for any set point."""
     points, count = set_point_numbers(where)
     if count:
         fact = Message(id, **places, points=Count(count, "set-point"))
@@ -125,7 +106,6 @@ def interval_ms(seconds: float) -> Measured:
 
 
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look for NaN, infinity and implausibly large numbers."""
     yield from error_at(
         ~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1),
         "not-finite",
@@ -137,7 +117,6 @@ def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the pose type of the set points with the pose type of the slave mode."""
     mode_, kind = context.mode, context.trajectory.kind
     if mode_ is None or mode_.pose_type is kind:
         return
@@ -152,7 +131,6 @@ def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the file's axes with the robot's axes, and report the axes that the file lacks."""
     trajectory = context.trajectory
     missing = [axis.name for axis in AXES[trajectory.kind][len(trajectory.axes) :]]
     if trajectory.kind is PoseType.J and context.axis_count is not None:
@@ -173,7 +151,6 @@ def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Check that Fig is a whole number and does not change."""
     trajectory, column = context.trajectory, FIG_COLUMN.get(context.trajectory.kind)
     if column is None or column >= len(trajectory.axes):
         return
@@ -201,7 +178,6 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the time between calls of slvMove with the controller's cycle time."""
     mode_, cycle = context.mode, PERIOD_MS / 1000
     if mode_ is None or not mode_.pose_type or abs(context.period - cycle) <= SAME_INTERVAL * cycle:
         return
@@ -217,7 +193,6 @@ def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the intervals between the file's set points with the time between calls of slvMove."""
     trajectory = context.trajectory
     if trajectory.period is not None:
         yield from _check_period(trajectory.period, context.period)

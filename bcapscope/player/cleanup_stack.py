@@ -13,21 +13,15 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Maximum time in ns to wait for a controller that refuses calls because it is busy with an earlier call.
-"""
+"""Maximum time in ns to wait for a controller that is busy with an earlier call."""
 
 _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Runs the cleanup tasks of a session, newest first. The stack reports its tasks to the parent process.
-    If the player is killed, a new player runs the remaining cleanup tasks.
-
-    If the controller no longer answers (`is_controller_gone`), the stack skips the remaining cleanup tasks.
-    """
+    """Runs the cleanup tasks newest first, and reports each change, so that another player can finish."""
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
-        """Begin with no tasks."""
         self.is_controller_gone = False
         self._robot = robot
         self._pipe = pipe
@@ -35,10 +29,9 @@ class CleanupStack:
         self._tasks: list[CleanupTask] = []
 
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
-        """Push `task`, then run `step`, which `task` undoes.
+        """Push `task`, then run `step`, which `task` undoes. If the controller refuses `step`, remove `task`.
 
-        The controller may execute the call of `step` even if the reply is lost. The stack therefore contains
-        `task` before `step` begins. If the controller refuses the call of `step`, remove `task`.
+        The stack contains `task` first, because the controller may execute a call whose reply is lost.
         """
         self.push(task)
         try:
@@ -52,9 +45,7 @@ class CleanupStack:
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """Run all cleanup tasks. If the controller refuses a cleanup task, report the refusal and continue
-        with the next cleanup task.
-        """
+        """Run all cleanup tasks. If the controller refuses one, report the refusal and continue."""
         while self._tasks and not self.is_controller_gone:
             task = self._tasks[-1]
             await self._clean_up(task)

@@ -24,9 +24,7 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 
 
 class ColumnRole(StrEnum):
-    """Whether the numbers in a column are commanded or measured. The trajectory reader tries the roles in the
-    order of this class.
-    """
+    """Whether numbers are commanded or measured. The reader tries the roles in this order."""
 
     COMMANDED = "commanded"
     UNMARKED = "not marked as commanded or measured"
@@ -34,9 +32,7 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit of an `angle`, a `length` or a `time`. `factor` converts a number in this unit to degrees, mm or
-    seconds.
-    """
+    """A unit of an `angle`, a `length` or a `time`. `factor` converts to degrees, mm or seconds."""
 
     name: str
     kind: str
@@ -55,16 +51,13 @@ UNITS = {
         Unit("us", "time", 1e-6),
     )
 }
-"""Known units by their names."""
 
 TIME, COUNTER, NUMBER = "time", "counter", "number"
 """Names of the columns for the time, the controller's counter and the number of the record."""
 
 
 class ColumnTitle(NamedTuple):
-    """What the title of a column means. `axis` is an axis, `TIME`, `COUNTER` or `NUMBER`; `unit` is None if
-    the title names no unit.
-    """
+    """Meaning of a title: `axis` is an axis, `TIME`, `COUNTER` or `NUMBER`; `unit` is None if not named."""
 
     axis: str
     role: ColumnRole
@@ -128,11 +121,7 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of a table that holds a trajectory. `columns` has one column per axis, in the order of the
-    axes. `time` or `counter` is None if the table has no such column.
-
-    Each note is one clause about something that the reader chose or assumed.
-    """
+    """The columns of a trajectory, one per axis, in order. `notes` say what the reader chose or assumed."""
 
     kind: PoseType
     columns: tuple[Column, ...]
@@ -142,9 +131,7 @@ class ColumnLayout:
 
 
 def parse_columns(text: str) -> dict[str, int]:
-    """Parse a description such as `time=1,J1..J6=2..7`, which names the column of each axis, counted from
-    1.
-    """
+    """Parse a description such as `time=1,J1..J6=2..7`, with the columns counted from 1."""
     columns: dict[str, int] = {}
     for part in text.split(","):
         for name, place in _column_pairs(part):
@@ -198,9 +185,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess from some rows what columns without titles mean; raise TrajectoryError if their meaning is
-    unclear.
-    """
+    """Guess what columns without titles mean; raise TrajectoryError if that is unclear."""
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
@@ -302,7 +287,6 @@ def _layout_notes(
     role: ColumnRole,
     read: Sequence[ColumnTitle | None],
 ) -> Iterator[Message]:
-    """Yield notes about the chosen column role, pose type and columns."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):
@@ -347,9 +331,7 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese characters, but never between a word for "joint" and
-    its number.
-    """
+    """Split a title between letters, digits and Japanese characters; a joint's number stays with its word."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):

@@ -36,16 +36,12 @@ _REST = (
 LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) + tuple(
     f"[{title}]" for title in _REST
 )
-"""Titles of the 39 columns. The first 32 columns hold set point, encoder, motor current and load of each
-axis. The last seven columns hold user data, the program line, the counter, and the tool and work numbers.
-"""
+"""Set point, encoder, motor current and load per axis; user data, program line, counter, tool, work."""
 
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file, or raise OSError. At the end of the `with` block, delete the file if it is empty.
-    Without a path, yield None.
-    """
+    """Open a new file; delete it at the end if it is empty. Without a path, yield None."""
     if path is None:
         yield None
         return
@@ -63,7 +59,6 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
 async def read_log_records(
     session: Session, target: ControllerTarget, robot_name: str, check_abort: Callable[[], None]
 ) -> list[Value]:
-    """Read the log records in a new session, and close the session."""
     records: list[Value] = []
     try:
         opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
@@ -80,8 +75,7 @@ async def read_log_records(
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
     """Return the controller's log records, oldest first, or raise the exceptions of `Session.call`.
 
-    The records are read over a separate TCP connection: a record has 39 values, too many for a datagram of
-    503 bytes. `check_abort` is called before each record; an exception that it raises ends the reading.
+    The separate connection uses TCP, because a record of 39 values exceeds a datagram of 503 bytes.
     """
     channel = open_channel(target.host, target.port, tcp=True)
     caller = BlockingCaller(channel, target.convention_for(datagrams=False))
@@ -90,9 +84,7 @@ def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable
 
 
 def _csv_cell(value: object) -> object:
-    """Put an apostrophe before text that a spreadsheet would execute as a formula; leave numbers
-    unchanged.
-    """
+    """Put an apostrophe before text that a spreadsheet would execute as a formula."""
     return f"'{value}" if isinstance(value, str) and is_spreadsheet_formula(value) else value
 
 

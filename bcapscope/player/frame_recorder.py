@@ -1,8 +1,7 @@
-"""Collects the frames that a player sends and receives, to display the last frames and to record all frames.
+"""Collects the frames of a player, to display the last frames and to record all frames.
 
-The recorder keeps frames in memory and writes them at the end. A disk access may take longer than the time
-between two set points. A separate thread for writing would not help: in Python, the thread that sends set
-points would wait for the writing thread.
+The frames stay in memory until the end. A disk access may take longer than the time between two set points,
+and in Python, the thread that sends set points would wait for a thread that writes.
 """
 
 from __future__ import annotations
@@ -18,9 +17,7 @@ from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
-"""Maximum number of frames that the recorder keeps: enough for more than two hours at a cycle time of 8 ms.
-The recorder drops later frames.
-"""
+"""Enough for more than two hours at a cycle time of 8 ms. Later frames are dropped."""
 
 _FRAMES_PER_WRITE = 1000
 """Number of frames per write. If the disk becomes full, the frames of the last write are lost."""
@@ -28,9 +25,7 @@ _FRAMES_PER_WRITE = 1000
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording, or raise OSError. At the end of the `with` block, delete the file if it is empty.
-    Without a path, yield None.
-    """
+    """Create a recording; delete it at the end if it is empty. Without a path, yield None."""
     if path is None:
         yield None
         return
@@ -66,7 +61,6 @@ class FrameRecorder:
             self._send(FrameMessage(sent, raw, now + self._epoch_offset))
 
     def save_capture(self, link: Channel) -> None:
-        """Write the recording, if there is one."""
         if self._recording is None:
             return
         packets = self._recording.recording

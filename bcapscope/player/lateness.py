@@ -9,17 +9,13 @@ import msgspec
 import numpy as np
 
 _BINS_PER_OCTAVE = 16
-"""Number of bins between one power of two and the next. With 16 bins, an estimated percentile differs by at
-most 7 % from the exact percentile.
-"""
+"""Bins per power of two. An estimated percentile differs by at most 7 % from the exact percentile."""
 
 _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Maximum number of bins that `Lateness.bins` returns. This maximum keeps each progress report short enough
-for one write to the pipe.
-"""
+"""Keeps each progress report short enough for one write to the pipe."""
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -36,9 +32,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for the first `capacity` values. The object counts each further value only in a
-        bin.
-        """
+        """Allocate memory for the first `capacity` values. Further values are counted only in bins."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -55,9 +49,7 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Return estimated percentiles. This calculation is fast. The estimate is the upper edge of the bin
-        that holds the percentile.
-        """
+        """Return estimated percentiles, fast. Each is the upper edge of the bin that holds the percentile."""
         if not self._count:
             return Spread()
         wanted = [_rank(share, self._count) for share in _PERCENTILES]
@@ -74,9 +66,7 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles. This calculation is slow. If there were too many values to keep, return
-        estimated percentiles.
-        """
+        """Return exact percentiles, slowly; estimated percentiles if there were too many values to keep."""
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])
@@ -89,9 +79,7 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Return the index of the bin for a value. Each value below 16 has its own bin. Values of 16 or more
-    share bins: 16 bins from each power of two to the next.
-    """
+    """Each value below 16 has its own bin. Larger values share 16 bins per power of two."""
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)
     shift = value.bit_length() - 5

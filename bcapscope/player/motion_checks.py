@@ -19,13 +19,7 @@ from bcapscope.player.checks import (
     error_at,
     set_point_numbers,
 )
-from bcapscope.player.smooth_curve import (
-    FIG_COLUMN,
-    Array,
-    direction_turns,
-    matches_posture,
-    paired_rows,
-)
+from bcapscope.player.smooth_curve import FIG_COLUMN, Array, direction_turns, matches_posture, paired_rows
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
 
@@ -42,14 +36,11 @@ _SLOW, _CRAWL = 0.1, 1.0
 
 
 class AxisFigures(NamedTuple):
-    """How far and how fast an axis moves, in the unit of the axis and in seconds. An unknown limit is
-    infinite.
+    """How far and how fast an axis moves, in its unit and in seconds. An unknown limit is infinite.
 
     Attributes:
-        step: Largest step from one set point to the next.
-        acceleration: Largest acceleration, assuming that the robot is at rest before the first and after the
-            last point.
-        fastest: Number of the set point where the fastest step ends; the first set point has the number 1.
+        acceleration: Largest acceleration, if the robot is at rest before the first and after the last point.
+        fastest: Number of the set point where the fastest step ends, counted from 1.
     """
 
     axis: Axis
@@ -63,9 +54,7 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return one `AxisFigures` for each axis of the trajectory. For a P or T trajectory, also return one
-    `AxisFigures` for each joint if bcapscope can compute the joints.
-    """
+    """Return the figures of each axis and, for P or T, of each joint if bcapscope can compute the joints."""
     if context.step is None:
         return ()
     return tuple(
@@ -131,10 +120,7 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
-    """Return the distance from the robot to the first point for each axis; None if the pose is unknown.
-
-    For a rotation of P type, the distance is the shorter way around the circle.
-    """
+    """Return the way from the robot to the first point for each axis; rotations take the shorter way."""
     if context.current_pose is None:
         return None
     both = paired_rows(context.trajectory.kind, context.current_pose, context.trajectory.points[0])
@@ -167,9 +153,7 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of each set of axes. Before the first point and after the last point, the robot stands
-    still. In a loop, the start of the next round follows the last point.
-    """
+    """Add a standstill before the first and after the last point; in a loop, the next round follows."""
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))
@@ -251,9 +235,7 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return whether each of the `count` set points violates a limit. The first `count` rows of `where`
-    describe one round. In a loop, further rows of `where` describe the start of the next round.
-    """
+    """Map rows of `where` to the `count` set points. In a loop, further rows describe the next round."""
     at = where[:count].copy()
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest

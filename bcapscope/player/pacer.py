@@ -4,21 +4,20 @@ The slave mode decides whether the player or the controller sets the pace (DENSO
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
 * **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply is still
-  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. In Async
-  and mode 1, the pacer never retries a set point, because the controller follows only the newest set point. A
-  reply does not wake the player: the pacer reads replies only shortly before the next deadline. The operating
-  system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply shows that the
-  controller is alive. If a late reply refuses a set point, the pacer raises ControllerError. If the time
-  since the newest answered set point exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply
-  arrives.
+  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. It never
+  retries a set point, because the controller follows only the newest one. A reply does not wake the player:
+  the pacer reads replies only shortly before the next deadline, and the operating system records when each
+  arrived (`BlockingCaller.sleep_until_due`). If a late reply refuses a set point, the pacer raises
+  ControllerError. If the newest answered set point is older than `SILENCE_TIMEOUT`, the pacer sends nothing
+  until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
-  point is due at a fixed time after the reply: 0.3 ms (`_PREPARATION`). If no reply arrives, the requester
-  retries after each `RetryPolicy.timeout`. The requester discards replies to earlier attempts. After the last
-  attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
-  set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
-* **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
-  pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
-  means that the buffer had no room, so the pacer sends the same set point again.
+  point is due 0.3 ms (`_PREPARATION`) after the reply. If no reply arrives, the requester retries after each
+  `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last attempt, the pacer only
+  waits, and accepts a reply to any attempt, because a controller with a full buffer needs no set point yet.
+  After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+* **Mode 0**: player and controller set the pace together. S_BUF_FULL makes the pacer pause for one period.
+  S_OK means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer
+  had no room, so the pacer sends the same set point again.
 
 The pacer never skips a set point and never sends faster to catch up. If a set point is late by more than half
 a period, the pacer moves the deadlines, so that the robot pauses instead of jumping. `_Throttle` prevents a
@@ -59,13 +58,10 @@ OVERFLOW_DELAY = 1_000_000
 """Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""Maximum number of times that the pacer sends one set point: enough to wait eight periods for room in the
-buffer.
-"""
+"""How often one set point is sent at most: enough to wait eight periods for room in the buffer."""
 
 MIN_PERIOD_SHARE = 0.98
-"""Minimum average time between set points, as a share of the period. The margin of 2 % exceeds clock errors.
-"""
+"""Minimum average time between set points, as a share of the period; 2 % exceeds clock errors."""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
@@ -75,12 +71,9 @@ because other programs have filled the processor's caches.
 """
 
 _MOTION_ERRORS = 0x8420
-"""Upper 16 bits of the result codes that late set points can cause: the buffer ran empty, or an axis was too
-fast."""
+"""Upper 16 bits of codes that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Number of recent gaps between set points that the pacer keeps, to explain a refused set point. No
-controller's buffer holds more set points than this number.
-"""
+"""Gaps that are kept to explain a refused set point. No controller's buffer holds more set points."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -112,8 +105,7 @@ class _SetPointGap(NamedTuple):
 
 
 IdleCallback: TypeAlias = Callable[[int], None]
-"""Function that the pacer calls after each set point and regularly during waits; the argument is the time in
-ns. The function must return quickly. To end the play at once, the function raises HaltedError."""
+"""Called with the time in ns after each set point and during waits. Must be quick; may raise HaltedError."""
 
 
 class Pacer:
@@ -157,7 +149,6 @@ class Pacer:
 
     @property
     def counts(self) -> PlayCounts:
-        """Counts so far: how many set points were sent, answered late, repeated and so on."""
         unanswered = max(0, self._sent - self._answered - self._pending)
         return PlayCounts(
             self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
@@ -175,9 +166,7 @@ class Pacer:
             due = self._play_point(self._move.arguments(point), due)
 
     def _play_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        """Send a set point; repeat the set point while the controller's buffer is full. Return the deadline
-        of the next set point.
-        """
+        """Send a set point, repeatedly while the controller's buffer is full. Return the next deadline."""
         for _ in range(MAX_REPEATS):
             sent = self._send_point(arguments, due)
             due = self._adjusted_deadline(due, sent)
@@ -224,7 +213,6 @@ class Pacer:
         return sent
 
     def _wait_until(self, due: int) -> None:
-        """Wait for a deadline; during a long wait, call `on_idle` regularly."""
         link = self._caller.link
         while (now := link.now()) < due - 2 * PERIOD_NS:
             link.wait_until(now + PERIOD_NS)
@@ -232,7 +220,6 @@ class Pacer:
         link.wait_until(due)
 
     def _await_reply(self, due: int) -> RequesterOutcome:
-        """Wait for the reply, for a time that depends on the slave mode."""
         caller, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
@@ -255,11 +242,8 @@ class Pacer:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count the outcome of a call. Return the result code of the call, or None if no reply arrived in
-        time.
-
-        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows that
-        the controller refused an earlier set point.
+        """Count the outcome of a call. Return its result code, or None if no reply arrived in time. Raises
+        CallTimeout if the controller no longer answers, and ControllerError if a late reply is a refusal.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -280,8 +264,7 @@ class Pacer:
         return code
 
     def _refusal_error(self, code: int) -> ControllerError:
-        """Make the error for a refused set point. If late set points may be the cause, the error names the
-        longest gap."""
+        """If late set points may be the cause, the error names the longest gap."""
         meaning = describe_hresult(code).meaning
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
             gap, late, reply = (f"{each / 1e6:.1f}" for each in max(self._recent_gaps))
@@ -323,9 +306,7 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return `sent` if the set point was sent more than half a period after `due`, else return `due`. The
-        next deadline is one period after the returned time.
-        """
+        """Return `sent` if the set point was sent more than half a period after `due`, else `due`."""
         if sent - due <= self._move.period // 2:
             return due
         self._shifted += 1
@@ -346,12 +327,11 @@ class Pacer:
 
 
 class _Throttle:
-    """Limits the rate of set points if the controller sets the pace.
+    """Limits the rate of set points if the controller sets the pace: a burst, then on average one per period.
 
-    The throttle allows a burst: two more set points than the buffer has slots. After the burst, the average
-    rate is at most one set point per period. A controller that confuses two slave modes may answer at once,
-    although the reply should wait for room in the buffer. Without the throttle, early replies would make the
-    pacer send the whole trajectory in an instant.
+    The burst is two more set points than the buffer has slots. A controller that confuses two slave modes may
+    answer at once, although the reply should wait for room in the buffer. Without the throttle, the pacer
+    would then send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:
@@ -365,5 +345,4 @@ class _Throttle:
         return self._next_at - self._allowance
 
     def count_sent(self, now: int) -> None:
-        """Count a set point that was sent at `now`, in ns."""
         self._next_at = max(self._next_at, now) + self._period

@@ -2,10 +2,9 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first slows down on its path until it is at rest. After
-a failure, the robot cannot slow down on its path: a controller with an error has left slave mode, and a
-silent controller accepts no set points. An order from the user ends any wait at once, unless the cleanup has
-begun.
+the remaining steps. After an order to stop, the robot first comes to rest on its path. After a failure, it
+cannot: a controller with an error has left slave mode, and a silent controller accepts no set points. An
+order from the user ends any wait at once, unless the cleanup has begun.
 """
 
 from __future__ import annotations
@@ -66,7 +65,6 @@ PROGRESS_INTERVAL = 50_000_000
 """Time in ns from one progress report to the next."""
 
 YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
-"""Answers to questions."""
 
 _ROBOT_EXECUTE = 64
 # The pacer keeps the lateness of this many set points: two hours at 8 ms.
@@ -74,8 +72,6 @@ _LATENESS_CAPACITY = 1_000_000
 
 
 class PlayMonitor:
-    """Polls for orders and reports the progress of `pacer`; no method waits."""
-
     pacer: Pacer
 
     def __init__(
@@ -205,7 +201,6 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Ask the user whether the play may start and, if the robot is real, whether it may move."""
         if not self._confirm(QuestionTopic.BEGIN, Message("play.question.begin")):
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
@@ -272,7 +267,6 @@ class PlaySession:
         await (self._cleanup.run_and_push(task, step) if was_off else step())
 
     async def _approach(self, kind: PoseType, first: SetPointValues) -> None:
-        """Move the robot to the first set point unless it is there already."""
         robot = self._robot
         here = await robot.read_pose(kind)
         far, has_posture = pose_distance(kind, here, first), matches_posture(kind, here, first)
@@ -299,9 +293,7 @@ class PlaySession:
             self._cleanup.remove(CleanupTask.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Send the set points. After an order to stop, bring the robot to rest. After an order to halt, halt
-        the robot.
-        """
+        """Send the set points. An order to stop brings the robot to rest; an order to halt halts it."""
         plan, robot = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * PERIOD_NS // plan.period))
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
@@ -345,11 +337,7 @@ class PlaySession:
         self._channel.wait_until(self._channel.now() + length)
 
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
-        """Report the controller's errors and offer to clear them. The method returns only if the user wants
-        to play again.
-
-        If the user does not want to play again, the method raises the controller's error.
-        """
+        """Report the controller's errors, offer to clear them, and return if the user wants to play again."""
         latest = error
         while True:
             self._pipe.send(PlayerProblem(latest.message, await self._robot.read_errors()))
@@ -367,7 +355,6 @@ class PlaySession:
             raise error
 
     async def _close_session(self) -> None:
-        """Release the handles and stop the service; if the controller is gone, only close the channel."""
         self._is_leaving = True
         if self._cleanup.is_controller_gone:
             self._channel.close()

@@ -1,8 +1,7 @@
 """The messages between the player's process and its parent: JSON, one object per line.
 
-The parent process sends one `PlayPlan`, and later a `PlayerCommand` for each order and each answer. The
-player sends progress reports, questions, and facts about the controller. The player's last message is one
-`PlayEnded`.
+The parent sends one `PlayPlan`, then a `PlayerCommand` for each order and answer. The player's last message
+is `PlayEnded`.
 """
 
 from __future__ import annotations
@@ -35,16 +34,12 @@ TYPE_NAME_FACT = "type name"
 
 
 class SlaveModePacing(StrEnum):
-    """Kind of slave mode. Every generation of controllers has both kinds of slave mode, but under different
-    mode numbers.
-    """
+    """Kind of slave mode. The mode numbers of each kind depend on the generation of the controller."""
 
     SYNC = "sync"
     """The controller sets the pace: Sync on RC7, mode 2 on later controllers."""
     ASYNC = "async"
-    """The player sets the pace, and the robot follows the newest set point: Async on RC7, mode 1 on later
-    controllers.
-    """
+    """The player sets the pace, and the robot follows the newest set point: Async on RC7, mode 1 later."""
 
 
 class CleanupTask(StrEnum):
@@ -60,12 +55,11 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What the player must still clean up. The player sends this message after each change of the cleanup
-    tasks.
+    """What the player must still clean up, sent after each change.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
-        port: Local port of the player. A cleanup after a crash uses the same port, because the controller
+        port: Local port of the player. A cleanup after a crash uses it again, because the controller
             recognises a UDP client by its port.
     """
 
@@ -78,26 +72,20 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What to play, and on which controller.
 
     Attributes:
-        robot: Name that the player passes to Controller_GetRobot.
         task: Name of the controller's program that must run during slave mode on RC7.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time in ns between set points in the modes where the player sets the pace.
-        points: Set points of the trajectory, which begins and ends at rest. Axes that the set points lack do
-            not move.
-        limits: Limits of the arm, in the notation that `arm_limits.with_limits` accepts. A stop does not
-            exceed these limits.
-        rounds: How often to play the set points, without a pause between rounds; 0 to play until an order to
-            stop.
+        points: Set points of the trajectory, which begins and ends at rest. Missing axes do not move.
+        limits: Limits that a stop does not exceed, in the notation of `arm_limits.with_limits`.
+        rounds: How often to play the set points, without a pause; 0 to play until an order to stop.
         approach: Speed, in percent, of the ordinary motion to the first point.
         may_approach: Whether to move to the first point without asking the user.
         armed: Whether the user has confirmed that a robot may move.
-        look_only: Whether the player only connects, reports facts about the controller, and ends. With
-            `look_only`, the player moves nothing and changes nothing.
-        log: Path of a new CSV file for the controller's own log; None for no log.
-        record: Path of a new recording of all frames; None for no recording.
+        look_only: Whether the player only reports facts about the controller, and changes nothing.
+        log: Path of a new CSV file for the controller's own log.
+        record: Path of a new recording of all frames.
         aftermath: Cleanup tasks of a crashed player. With `aftermath`, the player only cleans up.
-        first_serial: First serial that the player uses. A player that cleans up after a crash begins at a
-            serial that the crashed player did not use.
+        first_serial: After a crash, a serial that the crashed player did not use.
     """
 
     target: ControllerTarget
@@ -121,8 +109,6 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """An order to a running player."""
-
     STOP = "stop"
     """Bring the robot to rest on its path, then clean up."""
     HALT = "halt"
@@ -130,15 +116,11 @@ class Order(StrEnum):
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
-    """What the user tells the player: an order to stop or halt, or the answer to the player's question."""
-
     order: Order | None = None
     answer: str = ""
 
 
 class PlayState(StrEnum):
-    """What the player is doing."""
-
     CONNECTING = "connecting"
     PREPARING = "preparing"
     APPROACHING = "moving to the first point"
@@ -161,8 +143,7 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
         generation: RC7, or RC8 for all later generations.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
-        distance: Largest difference of one axis between the current pose and the first point, in degrees or
-            mm.
+        distance: Largest difference of one axis to the first point, in degrees or mm.
     """
 
     simulator: bool
@@ -174,12 +155,10 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
 
     @property
     def type_name(self) -> str:
-        """Name of the robot's type; empty if the controller does not report it."""
         return self.facts.get(TYPE_NAME_FACT, "")
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """The slave mode that the player will use; None if the controller has no mode of this number."""
         return slave_mode_by_number(self.mode, Generation(self.generation))
 
 
@@ -187,13 +166,10 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts of set points.
 
     Attributes:
-        sent: Number of set points that the player sent, without retries but with the `repeated` set points.
-        late: Late replies.
-        unanswered: Set points that got no reply.
+        sent: Set points that were sent, without retries but with the `repeated` set points.
         repeated: Set points sent again because the controller's buffer was full (83201483).
-        shifted: How often the pacer moved the deadlines because a set point was late by more than half a
-            period.
-        held: Set points that the player delayed because the controller requested them too soon.
+        shifted: How often the deadlines moved because a set point was late by more than half a period.
+        held: Set points that were delayed because the controller requested them too soon.
     """
 
     sent: int = 0
@@ -206,19 +182,17 @@ class PlayCounts(msgspec.Struct, frozen=True):
 
 
 class PlayProgress(msgspec.Struct, frozen=True, tag=True):
-    """The player reports its progress about twenty times a second. If the pipe is full, the player drops the
-    report.
+    """The player reports its progress about twenty times a second, unless the pipe is full.
 
     Attributes:
-        index: How many of the trajectory's set points the player has sent so far, in all rounds.
+        index: How many of the trajectory's set points were sent so far, in all rounds.
         of: Total number of set points in all rounds; 0 if the play has no end.
-        elapsed: Seconds since the first set point. `left` is the time in seconds until the last set point, or
-            None if the play has no end.
+        elapsed: Seconds since the first set point.
+        left: Seconds until the last set point; None if the play has no end.
         lateness: Distribution of the time from each set point's deadline to its sending.
         commanded: The last set point sent; `returned` is the pose in the last reply.
         sent: The last frame sent; `received` is the last frame received.
-        cycle: Histogram of the time between set points. Each bin has a smallest time and a largest time in
-            ns, and a count.
+        cycle: Histogram of the time between set points: smallest time and largest time in ns, and count.
     """
 
     state: PlayState
@@ -255,9 +229,7 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A question to the user. The player waits for the answer. If the user picks the first choice, the player
-    changes nothing.
-    """
+    """A question to the user. The first choice changes nothing."""
 
     topic: QuestionTopic
     text: Message
@@ -265,9 +237,7 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem of the play, with the controller's current errors, newest first: the code and the text of
-    each error.
-    """
+    """A problem, with code and text of the controller's current errors, newest first."""
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()
@@ -288,8 +258,7 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player. The distributions in this message are in ns, and are exact instead of
-    estimated.
+    """The last message of a player. The distributions are in ns, and exact instead of estimated.
 
     Attributes:
         reason: Why the player ended; None if the player sent the whole trajectory.
@@ -297,7 +266,7 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
         index: Number of the trajectory's set points that the player sent.
         left: Whether the player cleaned up before leaving; False if the controller no longer answered.
         logged: Number of records of the controller's log that the player saved.
-        retries_expected: Whether retries are normal: True over UDP if the controller's replies set the pace.
+        retries_expected: Whether retries are normal: over UDP, if the controller's replies set the pace.
     """
 
     outcome: PlayOutcome

@@ -31,9 +31,7 @@ _SEND_TIMEOUT = 2.0
 """Maximum time in seconds that `wait_until_sent` waits for the parent to read messages."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Maximum number of bytes that may wait until the parent reads them. Above this limit, the player drops
-further messages.
-"""
+"""Number of bytes above which the player drops further messages until the parent reads."""
 
 PARENT_GONE = Message("play.parent-gone")
 
@@ -41,8 +39,7 @@ PARENT_GONE = Message("play.parent-gone")
 class PlayerPipe:
     """Receives orders and sends messages through two pipes.
 
-    `order` is the most serious order so far. An order to halt is more serious than an order to stop. `reason`
-    says why the order was given. `order` and `reason` are None until the player is ordered to stop or halt.
+    `order` is the most serious order so far: HALT is more serious than STOP. `reason` says why it was given.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
@@ -73,11 +70,8 @@ class PlayerPipe:
         return decode_plan(b"".join(parts))
 
     def install_signal_handlers(self) -> None:
-        """Treat signals as orders.
-
-        SIGINT, SIGTERM and SIGHUP order the player to stop. If the player was already ordered to stop or
-        halt, SIGINT, SIGTERM and SIGHUP order a halt. SIGUSR1 always orders the player to halt. If the parent
-        blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier takes effect now.
+        """Treat signals as orders: SIGINT, SIGTERM and SIGHUP mean stop, after an earlier order halt; SIGUSR1
+        means halt. If the parent blocked SIGUSR1 in the player, one that was sent earlier takes effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
@@ -121,9 +115,7 @@ class PlayerPipe:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
 
     def ask(self, question: PlayerQuestion) -> str:
-        """Ask the user and return the answer. If the player gets an `Order` before the user answers, return
-        the question's first choice.
-        """
+        """Return the user's answer, or the question's first choice if an `Order` comes first."""
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:
@@ -170,9 +162,7 @@ class PlayerPipe:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         asked = number == signal.SIGUSR1
-        reason = (
-            Message("play.order", order=str(Order.HALT))
-            if asked
-            else Message("play.signal", signal=signal.Signals(number).name)
-        )
+        reason = Message("play.signal", signal=signal.Signals(number).name)
+        if asked:
+            reason = Message("play.order", order=str(Order.HALT))
         self.set_order(Order.HALT if asked or self.order is not None else Order.STOP, reason)

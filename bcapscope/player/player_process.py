@@ -1,8 +1,6 @@
-"""Start a player: a separate process that receives a plan and sends messages.
+"""Start a player: a separate process, so that no Python code of the parent can delay a set point.
 
-In a separate process, no Python code of the parent can delay a set point. If the parent ends or crashes, the
-player still brings the robot to rest and cleans up. If the player itself is killed, a second process cleans
-up.
+If the parent ends, the player stops the robot and cleans up. If the player is killed, another one cleans up.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 from typing import Self
 
 from msgspec import structs
@@ -42,26 +39,22 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Longest silence in seconds that the parent accepts from a player after ordering the player to stop. After a
-longer silence, the parent kills the player. A working player sends messages more often than every 20 s, even
-if the controller is silent.
+"""Seconds of silence after the order to stop, after which the parent kills the player. A working player sends
+messages more often, even if the controller is silent.
 """
 
 _SERIAL_MARGIN = 5000
-"""Number of serials to skip after the last known serial: more than a player uses between two progress
-reports.
-"""
+"""Serials to skip after the last known serial: more than a player uses between two progress reports."""
 
 _SERIAL_MAX = 0xFFFF
 """Largest serial; serials run from 1 to 65535 and then start again at 1."""
 
 
 class PlayerProcess:
-    """A running player. `ended` is the player's last message, or None while the player works.
+    """A running player. `ended` is its last message, always a `PlayEnded`; None while the player works.
 
-    To wait for messages, call `wait_for_messages`. When `fileno` is readable, call `read_messages`. Any
-    thread may call `read_messages` and `wait_for_messages`. If the parent reads too slowly, the player drops
-    only progress reports. The last message is always `PlayEnded`.
+    Call `read_messages` when `fileno` is readable, or `wait_for_messages`, from any thread. If the parent
+    reads too slowly, the player drops only progress reports.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -103,7 +96,6 @@ class PlayerProcess:
         return self._process.pid
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable when messages have arrived."""
         return self._messages.fileno()
 
     def read_messages(self) -> list[PlayerMessage]:
@@ -114,16 +106,11 @@ class PlayerProcess:
     def _read_available(self) -> list[PlayerMessage]:
         found: list[PlayerMessage] = []
         over = False
-        while True:
-            try:
-                data = os.read(self._messages.fileno(), 1 << 16)
-            except BlockingIOError:
-                break
-            if not data:
-                over = True
-                break
-            *lines, self._partial_line = (self._partial_line + data).split(b"\n")
-            found += [decode_message(line) for line in lines]
+        with suppress(BlockingIOError):
+            while data := os.read(self._messages.fileno(), 1 << 16):
+                *lines, self._partial_line = (self._partial_line + data).split(b"\n")
+                found += [decode_message(line) for line in lines]
+            over = True
         for message in found:
             self._remember_state(message)
         if found and isinstance(found[-1], PlayEnded):
@@ -133,7 +120,6 @@ class PlayerProcess:
         return found
 
     def _remember_state(self, message: PlayerMessage) -> None:
-        """Store what a second process must know to clean up if this player crashes."""
         if isinstance(message, PendingCleanup):
             self._pending_cleanup = message
         sent = message.sent if isinstance(message, PlayProgress) else b""
@@ -148,7 +134,6 @@ class PlayerProcess:
         return self.read_messages()
 
     def stop(self) -> None:
-        """Order the player to bring the robot to rest on its path and then to clean up."""
         self._send(encode_message(PlayerCommand(Order.STOP)))
 
     def halt(self) -> None:
@@ -165,9 +150,7 @@ class PlayerProcess:
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:
-        """Order a running player to stop. Wait until the player has ended, and return the player's last
-        message.
-        """
+        """Order the player to stop, wait until it has ended, and return its last message."""
         self.stop()
         give_up = time.monotonic() + _LEAVE_TIMEOUT
         while self.ended is None:
@@ -181,9 +164,7 @@ class PlayerProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _send(self, data: bytes) -> None:
@@ -193,10 +174,7 @@ class PlayerProcess:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Start a process that cleans up after a crashed player.
-
-        Return a `PlayerProblem` if a cleanup begins. Return a `PlayEnded` if no cleanup begins.
-        """
+        """Start a process that cleans up; return a `PlayEnded` if nothing is to clean up or this fails."""
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
@@ -255,12 +233,9 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
 
 
 class ArmedMessageLogger:
-    """Logs the armed calls that a player sends to a real controller. The logger ignores calls to bcapscope's
-    simulator.
-    """
+    """Logs the armed calls that a player sends to a real controller; ignores bcapscope's simulator."""
 
     def __init__(self, logger: ArmedCallLogger) -> None:
-        """Write to `logger`."""
         self._logger = logger
         self._is_simulator = False
 

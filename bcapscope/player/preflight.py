@@ -44,8 +44,7 @@ class PreflightResult:
 
     Attributes:
         problems: Problems found, most serious first.
-        axis_figures: Figures of each axis according to the file's times; () if the times are uneven or a
-            number is not finite.
+        axis_figures: According to the file's times; () if they are uneven or a number is not finite.
         first_point_offsets: Distance from the robot to the first point for each axis; None if unknown.
     """
 
@@ -62,14 +61,11 @@ class PreflightResult:
 
     @property
     def needs_approach(self) -> bool:
-        """Whether an ordinary motion must bring the robot to the first point."""
         return any(finding.check == "first-point" for finding in self.problems)
 
     @property
     def seconds(self) -> float:
-        """Duration according to the file's times. If the file has no times, `period` passes between set
-        points.
-        """
+        """Duration according to the file's times or, if it has none, to `period`."""
         trajectory = self.trajectory
         if trajectory.period is None and trajectory.times is not None:
             return float(trajectory.times[-1])
@@ -109,7 +105,6 @@ def run_preflight(
 
 
 def run_preflight_for(trajectory: Trajectory, plan: PlayPlan, controller: ControllerInfo) -> PreflightResult:
-    """Check a trajectory for the connected controller, with the limits of its robot."""
     return run_preflight(
         trajectory,
         plan.period / 1e9,

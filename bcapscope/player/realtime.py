@@ -1,9 +1,7 @@
 """Prevent delays of the player: real-time priority, locked memory, no garbage collection.
 
-A program with SCHED_FIFO runs before all programs without real-time priority (sched(7)). An ordinary program
-therefore cannot delay a set point. Locked memory is never swapped to disk (mlockall(2)). Without real-time
-priority, the player asks for short time slices. A program with short time slices gets the processor sooner,
-but for no more time in total (sched-eevdf, Linux 6.12).
+SCHED_FIFO runs before all programs without real-time priority (sched(7)). Locked memory is never swapped to
+disk (mlockall(2)). Short time slices bring the processor sooner, but for no more time (sched-eevdf, 6.12).
 """
 
 from __future__ import annotations
@@ -25,9 +23,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Real-time priority of the player: above ordinary programs, but below 50, the priority of the interrupts
-that deliver replies.
-"""
+"""Above ordinary programs, but below 50, the priority of the interrupts that deliver replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
@@ -37,21 +33,14 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call sched_setattr for each type of processor. Older C libraries have no function
-sched_setattr, so bcapscope makes the system call by number.
-"""
+"""Number of the system call by processor. Older C libraries have no function sched_setattr."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
-"""Layout of the kernel's struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline,
-period."""
+"""struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """Whether the system granted real-time priority, and whether it granted memory that it never swaps to
-    disk.
-
-    `text` describes the result to the user, with advice if the system refused a request.
-    """
+    """What the system granted. `text` describes it to the user, with advice if a request was refused."""
 
     realtime: bool
     locked: bool
@@ -63,9 +52,8 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
     """Run a `with` block with the highest priority that the system grants.
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
-    `is_wanted` is true. Inside the block, the garbage collector ignores objects from before the block,
-    because examining these objects costs milliseconds. If `collect_garbage` is false, the garbage collector
-    is off inside the block.
+    `is_wanted`. In the block, the garbage collector ignores older objects, because examining them costs
+    milliseconds; without `collect_garbage`, it is off.
     """
     gc.collect()
     gc.freeze()
@@ -117,9 +105,7 @@ def _set_fifo_priority() -> Message | None:
 
 
 def _set_time_slice(length: int) -> None:
-    """Ask Linux for a time slice of `length` ns, or for the default if `length` is 0; do nothing on other
-    systems.
-    """
+    """`length` is in ns; 0 means the default. Does nothing on other systems than Linux."""
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
         nice = os.getpriority(os.PRIO_PROCESS, 0)

@@ -1,17 +1,15 @@
-"""Change the timing of a robot's motion along a path. The new timing can change the period or the speed, let
-the path begin and end at rest, or stop the robot at any point.
+"""Change the timing of a robot's motion along a path, or bring the robot to rest at any point.
 
-The path is a `SmoothCurve` through the set points. The path stays the same; only the speed along the path
-changes. The speed grows from 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve.
-The first and second derivatives of this polynomial are 0 at u = 0 and u = 1. Position, speed and acceleration
-are therefore continuous, and the path begins and ends at rest.
+The path is a `SmoothCurve` through the set points; only the speed along it changes. The speed grows from 0 as
+the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve. The first and second derivatives of
+this polynomial are 0 at u = 0 and u = 1. Position, speed and acceleration are therefore continuous.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import ceil, inf, isfinite
+from math import ceil, inf
 
 import numpy as np
 
@@ -36,8 +34,7 @@ def resample(
 ) -> Trajectory:
     """Return the trajectory with other times, and the same first and last point.
 
-    If the trajectory has times but no period, the times must increase. If the trajectory has neither times
-    nor a period, `period` becomes its period.
+    If it has times but no period, the times must increase. If it has neither, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.
@@ -47,9 +44,7 @@ def resample(
     Raises TrajectoryError if a number is not finite, times do not increase, or the result has too many set
     points. Raises InputError if period, speed or ramp is invalid.
     """
-    if not (
-        isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0
-    ):
+    if not (0 < period < inf and 0 < speed < inf and 0 <= ramp < inf):
         raise InputError(
             Message("resample.invalid", period=f"{period:g}", speed=f"{speed:g}", ramp=f"{ramp:g}")
         )
@@ -59,9 +54,8 @@ def resample(
     knots = _knots(trajectory, period)
     with np.errstate(all="ignore"):
         parameters = _curve_parameters(float(knots[-1]), period, speed, ramp)
-    if len(trajectory) == 1:
-        return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
-    with np.errstate(all="ignore"):
+        if len(trajectory) == 1:
+            return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
         points = SmoothCurve(trajectory.kind, knots, trajectory.points).sample(parameters)
     points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
     source = replace(
@@ -87,14 +81,12 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that follow set point `row` and bring the robot to rest on the trajectory's path.
-    Each set point is one row.
+    """Return the set points, one per row, that bring the robot from set point `row` to rest on the path.
 
-    The braking time is between 0.1 s and 2 s. The function lengthens the braking time until the set points
-    keep within `limits`. If the trajectory near `row` already exceeds a limit, the returned set points may
-    exceed a limit by the same factor. The braking time is at least 0.5 s if an acceleration limit is unknown.
-    If the remaining path is too short to come to rest, return the remaining points of the trajectory.
-    `period` is in seconds. With `loop`, the first point follows the last point.
+    The braking time is between 0.1 s (0.5 s if an acceleration limit is unknown) and 2 s, and grows until the
+    set points keep within `limits`. If the trajectory near `row` exceeds a limit, they may exceed it by the
+    same factor. If the remaining path is too short to come to rest, return its points. `period` is in
+    seconds. With `loop`, the first point follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -147,9 +139,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the distance that the robot has covered since the ramp began. `part` (0 to 1) is the elapsed
-    share of the ramp. The unit is the distance that a robot at full speed covers in the ramp's duration. A
-    whole ramp therefore covers 0.5 units.
+    """Return the way since the ramp began; `part` (0 to 1) is the elapsed share of the ramp. The unit is the
+    way at full speed during the ramp, so a whole ramp covers 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

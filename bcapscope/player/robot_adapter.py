@@ -1,9 +1,7 @@
-"""The calls before and after a play: identify the controller, run RobSlave, take the arm, switch the motor,
-move to the first point, read errors.
+"""The calls before and after a play: identify, run RobSlave, take the arm, switch the motor, approach.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Every method that waits calls `pause`, which
-raises an exception if the user orders a stop.
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
 """
 
 from __future__ import annotations
@@ -99,8 +97,7 @@ class RobotAdapter:
         return tuple(row[: len(AXES[kind])])
 
     async def read_slave_mode(self) -> int:
-        """Return the number of the current slave mode; 0 if slave mode is off or the controller refuses the
-        call."""
+        """Return the current slave mode; 0 if it is off or the controller refuses the call."""
         try:
             return await self.robot.slv_get_mode()
         except (ControllerError, RemoteProtocolError):
@@ -119,9 +116,7 @@ class RobotAdapter:
             await self.robot.slv_change_mode(0)
 
     async def is_robslave_ready(self) -> bool:
-        """Return whether RobSlave runs; True for controllers after RC7, which do not need RobSlave for slave
-        mode.
-        """
+        """Return whether RobSlave runs; True after RC7, where slave mode does not need it."""
         if self.generation is not Generation.RC7:
             return True
         await self._opener.open_remote(Task)
@@ -137,13 +132,11 @@ class RobotAdapter:
         await self.robot.execute("TakeArm", [0, 1])
 
     async def is_motor_on(self) -> bool:
-        """Return whether the motor is on; False if the controller does not report it."""
         state = await self._read_optional(ObjectClass.ROBOT, "@SERVO_ON")
         return state is not None and bool(state.value)
 
     async def motor_on(self) -> None:
-        """Switch the motor on. If the motor is just switching off, wait until it is off, then switch it
-        on."""
+        """If the motor is just switching off, wait until it is off, then switch it on."""
         for _ in range(_SWITCH_OFF_TIMEOUT // _POLL):
             try:
                 return await self._switch_motor(True, _ON_RETRIES)
@@ -154,11 +147,8 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor on or off. Allow at least `retries` retries.
-
-        If the machine lock is on, a controller refuses to switch the motor on or off. DENSO's slides
-        recommend the machine lock for experiments. If the machine lock causes a refusal, the method raises no
-        error, because the machine lock prevents motion anyway.
+        """Switch the motor on or off, with at least `retries` retries. The machine lock, which DENSO's slides
+        recommend for experiments, may refuse this; that is no error, because it prevents motion anyway.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -176,13 +166,11 @@ class RobotAdapter:
             session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
-        """Move to a pose by an ordinary motion. The motion ends with the pass motion @E, as slave mode
-        requires.
+        """Move to a pose by an ordinary motion. It ends with the pass motion @E, as slave mode requires.
 
-        The option NEXT makes the controller answer the call at once, so that the player can halt the robot on
-        its way. If the robot stops before the goal, raise the controller's error or, if there is no error,
-        RemoteProtocolError. If the robot reaches the goal with a different Fig than `goal`, the method waits
-        one second and returns.
+        The option NEXT makes the controller answer at once, so that the player can halt the robot on its way.
+        If the robot stops before the goal, raise the controller's error or, if there is none,
+        RemoteProtocolError. If it reaches the goal with a different Fig, wait one second and return.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -216,10 +204,8 @@ class RobotAdapter:
             raise RemoteProtocolError(Message("play.no-motion", distance=distance), b"")
 
     async def set_formats(self, kind: PoseType) -> None:
-        """Make slvMove carry a pose in its request and in its reply, even if an earlier client set other
-        formats.
-
-        RC7 and early versions of RC8 have no formats to set.
+        """Make slvMove carry a pose in its request and in its reply, whatever an earlier client set. RC7 and
+        early versions of RC8 have no formats to set.
         """
         if self.generation is Generation.RC7:
             return
@@ -234,16 +220,13 @@ class RobotAdapter:
         await self.robot.execute("StartLog")
 
     async def read_errors(self) -> tuple[tuple[int, str], ...]:
-        """Return code and text of the active errors, newest first, without clearing them."""
         return await read_errors(await self._opener.open_remote(Controller))
 
     async def clear_errors(self) -> None:
         await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
-        """Read the robot's pose from a variable. If the variable is missing or EMPTY, read the pose with a
-        command.
-        """
+        """Read the robot's pose from a variable or, if it is missing or EMPTY, with a command."""
         variable, command = _POSES[kind]
         if kind not in self._read_by_command:
             found = await self._read_optional(ObjectClass.ROBOT, variable)
@@ -265,8 +248,7 @@ class RobotAdapter:
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
     """Return the difference, in degrees or mm, of the axis that differs most; ignore Fig.
 
-    Direction cosines count as angles. RC7 may report only six joints, so the function compares only the axes
-    that both poses have.
+    Direction cosines count as angles. RC7 may report only six joints; axes that one pose lacks are ignored.
     """
     before, after = paired_rows(kind, here, there)
     ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)

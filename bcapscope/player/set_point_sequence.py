@@ -1,10 +1,9 @@
 """The set points to send: the trajectory, and additional set points at its start, at its end and for a stop.
 
-The player sends the first point a few times before the robot moves, so that the controller's buffer is full
-when the motion starts. An unfilled buffer runs empty at the first points of a motion (issues 20 and 49 of
-DENSORobot/denso_robot_ros). The client in nkawa/Denso_CobottaPro900_MQTT_Control also sends the first point
-four times. The player also sends the last point several times, so that the robot has come to rest when slave
-mode ends.
+The player sends the first point a few times, so that the controller's buffer is full when the motion starts.
+An unfilled buffer runs empty at the first points (issues 20 and 49 of DENSORobot/denso_robot_ros);
+nkawa/Denso_CobottaPro900_MQTT_Control also sends it four times. The player repeats the last point, so that
+the robot has come to rest when slave mode ends.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far, in all rounds. `index` also counts the set points that
-            bring the robot to rest, but not the repetitions of the first and last point.
+        index: Set points returned so far, in all rounds and for a stop, without the repeated first and last.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
@@ -31,12 +29,10 @@ class SetPointSequence:
     def __init__(
         self, trajectory: Trajectory, period: float, limits: ArmLimits, rounds: int, hold_count: int
     ) -> None:
-        """Begin at the first point. The trajectory must have every axis that slvMove needs, and begin and end
-        at rest.
+        """The trajectory must have every axis that slvMove needs, and begin and end at rest.
 
-        `period` is in seconds. With 0 `rounds`, the sequence has no end. The method `stop` uses the arm's
-        `limits` to bring the robot to rest. The sequence repeats the first and the last point `hold_count`
-        times.
+        `period` is in seconds. With 0 `rounds`, the sequence has no end. `stop` keeps within `limits`. The
+        first and the last point are repeated `hold_count` times.
         """
         self.index = 0
         self.is_stopping = False
@@ -54,9 +50,7 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Replace the remaining set points with points that bring the robot to rest; further calls of this
-        method change nothing.
-        """
+        """Replace the remaining set points with points that bring the robot to rest, once."""
         if not self.is_stopping:
             self.is_stopping = True
             self._remaining = self._stopping_points()

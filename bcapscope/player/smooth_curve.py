@@ -1,13 +1,11 @@
-"""A smooth curve through set points. The player uses this curve to compute intermediate points, and to stop
-the robot on its path.
+"""A smooth curve through set points, for intermediate points and for a stop on the robot's path.
 
-Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At each
-end, the polynomial has the position, speed and acceleration of the point at this end. The speed and
-acceleration at a point are those of the parabola through this point and its two neighbours. At the first and
-the last point, the acceleration is 0 and the speed is the average speed to the neighbouring point. The curve
-therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
-changes only the two pieces of the curve before it and the two pieces after it. For points at equal intervals,
-the speed never exceeds 1.75 times the highest average speed between two neighbouring points.
+Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). The speed
+and acceleration at a point are those of the parabola through this point and its two neighbours. At the first
+and the last point, the acceleration is 0 and the speed is the average speed to the neighbouring point.
+Position, speed and acceleration are therefore continuous (C2). A wrong point changes only the two pieces of
+the curve before it and the two pieces after it. For points at equal intervals, the speed never exceeds 1.75
+times the highest average speed between two neighbouring points.
 """
 
 from __future__ import annotations
@@ -25,17 +23,13 @@ ROTATION_COLUMNS = slice(3, 6)
 """Columns of P type that hold rotations in degrees; 180 and -180 are the same rotation."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""Column that holds the posture number Fig in poses of P and T type. A value between two posture numbers
-means nothing.
-"""
+"""Column of the posture number Fig. A value between two posture numbers means nothing."""
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 """Columns that hold the two unit vectors of a T-type pose. The two unit vectors are at a right angle."""
 
 
 class SmoothCurve:
-    """A curve through points. The curve's parameter begins at 0."""
-
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
         """Compute the curve through `points`, an array with one row per point. `knots` holds the curve's
         parameter at each point; these parameters begin at 0 and increase.
@@ -47,9 +41,7 @@ class SmoothCurve:
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
 
     def sample(self, parameters: Array) -> Array:
-        """Return one pose per parameter; a parameter outside the curve gives the curve's first or last
-        pose.
-        """
+        """Return one pose per parameter. Outside the curve, return its first or last pose."""
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]
@@ -73,9 +65,7 @@ class SmoothCurve:
         return start + end
 
     def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
-        """Turn rows into valid poses: wrap rotations to ±180°, normalise the unit vectors, and copy Fig from
-        the previous point.
-        """
+        """Wrap rotations to ±180°, normalise the unit vectors, and copy Fig from the previous point."""
         fig = FIG_COLUMN.get(self._kind, rows.shape[1])
         if fig < rows.shape[1]:
             rows[:, fig] = self._points[nearest, fig]
@@ -85,10 +75,8 @@ class SmoothCurve:
             orientation = _unit_vectors(rows[:, ORIENTATION])
             approach = rows[:, APPROACH]
             across = (approach * orientation).sum(axis=1, keepdims=True)
-            rows[:, ORIENTATION], rows[:, APPROACH] = (
-                orientation,
-                _unit_vectors(approach - across * orientation),
-            )
+            rows[:, ORIENTATION] = orientation
+            rows[:, APPROACH] = _unit_vectors(approach - across * orientation)
         return rows
 
 
@@ -108,9 +96,7 @@ def paired_rows(kind: PoseType, here: Sequence[float], there: Sequence[float] | 
 
 
 def direction_turns(kind: PoseType, rows: Array) -> Array:
-    """Return the largest angle in degrees by which a direction vector turns from each row to the next. For
-    pose types other than T, the angle is 0.
-    """
+    """Return the largest angle in degrees by which a direction vector turns to the next row; else 0."""
     turned = np.zeros(len(rows) - 1)
     for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():
         way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)
@@ -121,8 +107,7 @@ def direction_turns(kind: PoseType, rows: Array) -> Array:
 def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
     """Return whether two poses have the same Fig; True if either pose lacks Fig.
 
-    A Fig below 0 lets the controller choose the posture. nkawa/Denso_CobottaPro900_MQTT_Control uses -2 and
-    -3.
+    A negative Fig lets the controller choose (-2 and -3 in nkawa/Denso_CobottaPro900_MQTT_Control).
     """
     column = FIG_COLUMN.get(kind)
     if column is None or min(len(here), len(there)) <= column:

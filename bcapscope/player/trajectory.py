@@ -32,14 +32,11 @@ class TrajectoryError(InputError):
         elif column is not None:
             reason = Message("trajectory.at-column", column=column, reason=reason)
         super().__init__(reason)
-        self.line = line
-        self.column = column
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column or element of a file, with either the numbers of one axis or the times. A missing name or unit
-    is "".
+    """A column or element of a file: the numbers of one axis, or the times. A missing name or unit is "".
 
     Attributes:
         axis: Name of the axis, such as `J1`, or `time`.
@@ -57,12 +54,11 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySource:
-    """Where a trajectory comes from, and how it was read. `file_format` is None if the trajectory does not
-    come from a file.
+    """Where a trajectory comes from, and how it was read.
 
     Attributes:
-        file_format: Kind of the file, with the encoding of a text file.
-        part: Name of the trajectory if the file has several; None if the file has only one.
+        file_format: Kind of the file, with the encoding of a text file; None without a file.
+        part: Name of the trajectory if the file has several.
         columns: Columns in the order of `Trajectory.axes`, then the columns of times and counter, if any.
         notes: One clause for each thing that the reader assumed, left out or converted.
     """
@@ -76,15 +72,13 @@ class TrajectorySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set points of one pose type. The constructor raises ValueError if an array has a wrong number of rows
-    or columns.
+    """Set points of one pose type. Raises ValueError if an array has a wrong number of rows or columns.
 
     Attributes:
-        points: Read-only array, one row per set point, one column per axis in the order of slvMove: 1 to 8
-            joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees.
+        points: Read-only, in mm and degrees: one row per set point, one column per axis in the order of
+            slvMove: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type.
         period: Seconds between two set points according to the file; None if the file states no period.
-        times: Read-only array: seconds from the first set point to each set point; None if the file has no
-            times.
+        times: Read-only: seconds from the first set point to each set point; None if the file has no times.
     """
 
     kind: PoseType
@@ -117,17 +111,22 @@ class Trajectory:
         return tuple(self.points[row].tolist())
 
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
-        """Add the axes that the file lacks, with the values of the robot's current pose, so that these axes
-        do not move.
+        """Add the axes that the file lacks, with the values of the robot's pose, so that they do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that both the file and the
-        current pose lack get the value 0.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Values that are unknown are 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)
         held = np.asarray(current_pose[have:width], dtype=np.float64)
         missing[: len(held)] = held
         return replace(self, points=np.hstack((self.points, np.tile(missing, (len(self.points), 1)))))
+
+
+def float_or_nan(value: object) -> float:
+    try:
+        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]  # as caught
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
 
 
 MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
@@ -150,9 +149,7 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points in seconds. `period` is None if the intervals are uneven. `times` is None if the
-    file has no useful times.
-    """
+    """Timing in s. `period` is None if the intervals are uneven, `times` if the file has no useful times."""
 
     period: float | None
     times: Array | None
@@ -197,11 +194,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log where its counter column has a gap. Return the parts between the gaps, and the median
-    increase of the counter column per record.
-
-    Each part is a pair of indices: the first record of the part, and the first record after the part. If the
-    counter grows too unevenly, the log is not split, and the median increase is None.
+    """Split a log where its counter has a gap. Return each part (first record, record after the last), and
+    the median increase per record. If the counter grows too unevenly, return one part and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

@@ -1,8 +1,7 @@
 """Trajectories from JSON and YAML: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
 
-A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`. Each point has `positions`
-in radians, and `time_from_start`. The JointTrajectory may be a part of another message, such as MoveIt's
-RobotTrajectory.
+A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points` with `positions` in radians
+and `time_from_start`. It may be a part of another message, such as MoveIt's RobotTrajectory.
 """
 
 from __future__ import annotations
@@ -27,18 +26,16 @@ from bcapscope.player.trajectory import (
     Trajectory,
     TrajectoryError,
     TrajectorySource,
+    float_or_nan,
     timing_from_due_times,
 )
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 
 EXTRACT_FORMAT = "bcapscope trajectory 1"
-"""Format name that `extract` writes."""
 
 MAX_VALUES = 1_500_000
-"""Maximum number of values in a JSON or YAML file: enough for 28 minutes with six joints and a time every 8
-ms. A value takes up to 72 bytes of memory, so the values take up to 110 MB.
-"""
+"""Enough for 28 minutes with six joints and a time every 8 ms. The values take up to 110 MB of memory."""
 
 TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
@@ -52,10 +49,8 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
-
-    A JSON file is one document. ROS messages use only one of the `options`: the pose type, which must be J or
-    None.
+    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none. ROS
+    messages use only the pose type of the `options`, which must be J or None.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -93,7 +88,7 @@ def _read_extract(document: dict[str, Any], source: TrajectorySource, options: R
         [_select_values(row, places, len(titles), number) for number, row in enumerate(rows, 1)], names
     )
     points *= [column.factor for column in layout.columns]
-    session, interval = document.get("stay"), _float(document.get("interval_ms"))
+    session, interval = document.get("stay"), float_or_nan(document.get("interval_ms"))
     part = Message("trajectory.part.session-number", number=session) if isinstance(session, int) else None
     source = replace(
         source,
@@ -113,9 +108,7 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield each object that looks like a JointTrajectory. Search each node of a YAML document only once,
-    even if aliases repeat the node.
-    """
+    """Yield each object that looks like a JointTrajectory. Search nodes that aliases repeat only once."""
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -168,10 +161,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the indices of J1, J2 and so on in `names`, and notes for the user. The joints are ordered by
-    the numbers in their names. If the names contain no usable numbers, the joints stay in the order of the
-    message.
-    """
+    """Return the indices of J1, J2 and so on, by the numbers in `names` or, without these, as listed."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -193,21 +183,14 @@ def _seconds(value: object) -> float | None:
         return None
     if isinstance(value, dict):
         whole, rest = value.get("sec", value.get("secs", 0)), value.get("nanosec", value.get("nsecs", 0))
-        return _float(whole) + _float(rest) * 1e-9
-    return _float(value)
-
-
-def _float(value: object) -> float:
-    try:
-        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]  # as caught
-    except (TypeError, ValueError, OverflowError):
-        return float("nan")
+        return float_or_nan(whole) + float_or_nan(rest) * 1e-9
+    return float_or_nan(value)
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
-    table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)
+    table = np.array([[float_or_nan(value) for value in row] for row in rows], dtype=np.float64)
     for place in np.argwhere(np.isnan(table)).tolist():
         value = rows[place[0]][place[1]]
         if not (isinstance(value, float) or (isinstance(value, str) and value.strip().casefold() == "nan")):
@@ -234,7 +217,6 @@ def read_yaml(data: bytes) -> Iterator[object]:
 
 
 def _build_document(events: Iterator[yaml.Event]) -> object:
-    """Build one document from the parser's events, without recursion."""
     roots: list[object] = []
     # each unfinished list or dictionary, and the dictionary key that still needs a value
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]

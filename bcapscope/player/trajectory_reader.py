@@ -1,11 +1,8 @@
-"""Read trajectories from files: detect the kind of a file and call the reader for this kind.
+"""Read trajectories from files. Files are not trusted: their size is limited, and wrong content of any kind
+raises `TrajectoryError`.
 
-No other module of the player opens files with set points. Files are not trusted: their size is limited, and
-wrong content of any kind raises `TrajectoryError`.
-
-No public source describes the format in which a WINCAPS III project stores logs. bcapscope therefore reads
-only logs that were exported into the project. If the project has no exported logs, `TrajectoryError` says how
-to export logs in WINCAPS III.
+No public source describes the format in which a WINCAPS III project stores logs, so bcapscope reads only logs
+that were exported into the project.
 """
 
 from __future__ import annotations
@@ -40,9 +37,7 @@ MAX_TABLE_SIZE = 1 << 30
 """Size in bytes of the largest table that bcapscope reads: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Size in bytes of the largest JSON or YAML file that bcapscope reads. A JSON or YAML file takes up to 24
-times its size in memory. See `MAX_VALUES`.
-"""
+"""Size in bytes of the largest JSON or YAML file. Reading takes up to 24 times as much memory."""
 
 LONGEST_LINE = 1 << 16
 
@@ -81,11 +76,9 @@ def read_trajectories(
     """Read the trajectories of a file or of a WINCAPS III project, given as its folder or its .wpj file.
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
-    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
-
-    Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
-    of a project. A table gives one trajectory. If records are missing, the table gives one trajectory for
-    each part between the gaps.
+    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. Returns one trajectory per
+    slave-mode session of a capture, per message of a ROS file, per control log of a project, and per part
+    between missing records of a table.
     """
     options = options or ReadOptions()
     try:
@@ -188,10 +181,8 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 
 
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
-    """Read every control log in a project, given as its folder or file.
-
-    The function skips tables without titles, because their meaning is unknown. WINCAPS III exports no logs as
-    captures, so the function skips captures in the project.
+    """Read every control log in a project. Skip tables without titles, because their meaning is unknown, and
+    captures, because WINCAPS III exports no logs as captures.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []

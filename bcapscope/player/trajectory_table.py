@@ -32,6 +32,7 @@ from bcapscope.player.trajectory import (
     TrajectoryError,
     TrajectorySource,
     find_runs,
+    float_or_nan,
     timing_from_due_times,
     timing_from_send_times,
 )
@@ -57,10 +58,9 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds the encoding of the table. Raise TrajectoryError if the table
-    has no set points.
+    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if it has no set points.
 
-    Return one trajectory. If records are missing, return one trajectory for each run of records without gaps.
+    If records are missing, return one trajectory for each run of records without gaps.
     """
     text = iter(lines)
     head = list(islice(text, HEAD_LINES))
@@ -117,11 +117,11 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout of the columns, the number of header lines, and the column titles. The titles are ()
-    if the table has no titles.
-    """
+    """Return the layout of the columns, the number of header lines, and the titles; () if there are none."""
     if _is_numeric(first[0]):
-        bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]
+        bare = [
+            [float_or_nan(cell.replace(",", ".")) for cell in line.cells if cell.strip()] for line in first
+        ]
         even = [row for row in bare if len(row) == len(bare[0])]
         return layout_of_numbers(even, options), 0, ()
     for place, line in enumerate(first):
@@ -139,21 +139,12 @@ def _is_numeric(line: TableLine) -> bool:
     return all(_NUMBER.fullmatch(cell) for cell in line.cells if cell.strip())
 
 
-def _lenient_float(cell: str) -> float:
-    try:
-        return float(cell.replace(",", "."))
-    except ValueError:
-        return float("nan")
-
-
 def _read_numbers(
     lines: Iterable[TableLine], columns: Sequence[Column], width: int, decimal_comma: bool
 ) -> tuple[Array, list[bool]]:
     """Return the numbers in the cells of the given columns, and whether each column is filled. An empty
-    column gives NaN.
-
-    Raises TrajectoryError if a cell is not a number, a column is empty in some lines only, or a line does not
-    have `width` cells.
+    column gives NaN. Raises TrajectoryError if a cell is not a number, a column is empty in some lines only,
+    or a line does not have `width` cells.
     """
     numbers, filled, count = array("d"), [False] * len(columns), 0
     for count, line in enumerate(lines, 1):
@@ -223,9 +214,7 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Guess the interval between set points from the growth of the log's counter. No public source says what
-    the log's counter counts.
-    """
+    """Guess the interval from the growth of the log's counter. No public source says what it counts."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

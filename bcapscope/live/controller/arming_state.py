@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 DISARM_AFTER = 180_000_000_000
-"""Time in ns from the last call that needed arming until arming expires.
-
-When arming expires, bcapscope assumes that nobody watches the robot any more.
-"""
+"""Time in ns from the last call that needed arming until nobody is assumed to watch the robot any more."""
 
 
 class ArmingState:
-    """Stores whether the user has armed, that is, has confirmed that bcapscope may move the robot. Arming
-    ends when the user disarms or after a timeout.
+    """Whether the user has confirmed that bcapscope may move the robot. Arming ends after a timeout, too.
 
     `is_required` is False if the controller is the built-in simulator.
     """
@@ -27,9 +23,7 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """Extend arming until `DISARM_AFTER` ns after `now`, unless arming has already expired. A user who
-        makes calls that need arming evidently watches the robot.
-        """
+        """Extend arming unless it has expired. A user who makes calls that need arming watches the robot."""
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER
 
@@ -40,5 +34,4 @@ class ArmingState:
         return not self.is_required or self.is_armed(now)
 
     def remaining(self, now: int) -> int:
-        """Return the time in ns until arming expires; 0 if the user has not armed."""
         return max(0, self._armed_until - now) if self._armed_until is not None else 0

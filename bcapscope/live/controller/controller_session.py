@@ -1,8 +1,7 @@
 """The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-The session and the screen have separate event loops. Drawing the screen therefore delays no call, and does
-not count in measured round trips. The coroutines of this module run in the event loop of the session. The
-screen starts these coroutines with `run_in_loop`.
+The session has its own event loop, so that drawing the screen delays no call and does not count in measured
+round trips. The screen starts the coroutines of this module with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -26,12 +25,7 @@ from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.live.controller.arming_state import ArmingState
 from bcapscope.live.controller.halt_connection import HaltConnection, HaltState, HaltUpdate
-from bcapscope.live.controller.history_record import (
-    HistoryRecord,
-    Initiator,
-    RecordOutcome,
-    error_reason,
-)
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome, error_reason
 from bcapscope.live.controller.history_recorder import INITIATOR, HistoryRecorder
 from bcapscope.live.controller.reply_monitor import ReplyMonitor
 from bcapscope.live.controller.session_updates import (
@@ -56,10 +50,7 @@ CLOSE_TIMEOUT = 8.0
 """Maximum time in seconds that `close` waits until the session has released all objects."""
 
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
-"""Timeout in ns and maximum number of retries of each call that releases an object.
-
-The timeout and the number of retries are small, so that `close` is fast if the controller does not respond.
-"""
+"""Short timeout (ns) and few retries, so that `close` is fast if the controller does not respond."""
 
 
 class NotConnectedError(BcapError):
@@ -74,10 +65,8 @@ class ControllerSession:
     """The Tester's connection to a controller. All calls of the Tester use this class.
 
     Attributes:
-        status: State that the screen shows. Any thread may read the status, because each change replaces the
-            whole object.
-        polling_paused: True while the session makes no automatic reads, because they might end another
-            client's slave mode.
+        status: State that the screen shows. Any thread may read it, because changes replace the whole object.
+        polling_paused: Whether automatic reads stop, because they might end another client's slave mode.
     """
 
     def __init__(
@@ -86,13 +75,7 @@ class ControllerSession:
         log_folder: Path,
         tap: Callable[[Observation], None] = lambda seen: None,
     ) -> None:
-        """Create a session without a connection.
-
-        Args:
-            report: Function that a thread of this session calls with every update.
-            tap: Function that a thread of this session calls with every packet. The function must not block
-                or raise exceptions.
-        """
+        """Threads of this session call `report` and `tap`. `tap` must not block or raise exceptions."""
         self.report = report
         self._tap = tap
         self.action_log = ActionLog(log_folder, "tui", self._on_log_error)
@@ -109,9 +92,7 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop. If the waiting task is cancelled, the coroutine is
-        cancelled too.
-        """
+        """Run a coroutine in this session's loop. If the waiting task is cancelled, so is the coroutine."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
     def pause_polling(self, paused: bool) -> None:
@@ -121,10 +102,7 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Release all objects within `CLOSE_TIMEOUT` seconds and end the session's thread.
-
-        Do not call this method from the session's own thread.
-        """
+        """Release all objects within `CLOSE_TIMEOUT` and end the thread. Call this from another thread."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
@@ -143,14 +121,8 @@ class ControllerSession:
     def now(self) -> int:
         return time.monotonic_ns()
 
-    # The connection.
-
     async def open_link(self, target: ControllerTarget) -> None:
-        """Open the UDP or TCP link to a controller, without sending b-CAP frames.
-
-        Raises:
-            OSError: The controller cannot be reached.
-        """
+        """Open the UDP or TCP link, without sending b-CAP frames. Raises OSError."""
         await self.disconnect()
         opened = open_target_session(target, observer=self._on_packet, listener=self._recorder.on_event)
         session = await self._stack.enter_async_context(opened)
@@ -197,8 +169,6 @@ class ControllerSession:
         self.status = replace(self.status, **changes)
         self.report(self.status)
 
-    # Calls.
-
     @property
     def opener(self) -> ObjectOpener:
         """The `ObjectOpener` of the open connection. Raises `NotConnectedError` if no connection is open."""
@@ -209,13 +179,11 @@ class ControllerSession:
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Make a call and return its record. Return the record even if the controller refuses the call or
-        does not answer.
+        """Make a call and return its record, even if the controller refuses it or does not answer.
 
         Raises:
             NotConnectedError: No connection is open.
-            NotArmedError: The call may energise or move the robot, and the user has not armed. Nothing was
-                sent.
+            NotArmedError: The call needs arming, and the user has not armed. Nothing was sent.
             LocalProtocolError: The call cannot be encoded. Nothing was sent.
             ConnectionError: The link is lost.
         """
@@ -231,11 +199,10 @@ class ControllerSession:
         return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
-        """Send bytes unchanged and wait for the reply. Return a `HistoryRecord` of the bytes and the reply.
+        """Send bytes unchanged, wait for the reply, and return a record of both.
 
         Raises:
-            NotArmedError: The user has not armed, but the bytes need arming. Bytes that are not an intact
-                frame always need arming.
+            NotArmedError: The user has not armed. Bytes that are not an intact frame always need arming.
             NotConnectedError, ConnectionError: See `call`.
         """
         session = self.opener.session
@@ -291,12 +258,8 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run a coroutine that makes calls, until it ends or one of its calls fails.
-
-        Return the record of the latest call.
-
-        Raises:
-            NotArmedError, LocalProtocolError, ConnectionError: See `call`.
+        """Run a coroutine until it ends or a call fails, and return the latest record. Raises NotArmedError,
+        LocalProtocolError and ConnectionError as `call` does.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)
@@ -320,8 +283,6 @@ class ControllerSession:
                 await self.disconnect()
                 self.report(ConnectionLost(error_reason(error)))
             raise
-
-    # HALT.
 
     def halt(self) -> bool:
         """Start to halt the robot. Return whether a connection is open. Any thread may call this method."""
@@ -349,8 +310,6 @@ class ControllerSession:
                 values = (robot.handle, "slvChangeMode", 0)
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
 
-    # Results.
-
     def _on_packet(self, observation: Observation) -> None:
         self._record_packet(observation, INITIATOR.get())
         self._recorder.on_packet(observation)
@@ -360,25 +319,16 @@ class ControllerSession:
         self._record_packet(observation, Initiator.USER if is_halt else Initiator.SCREEN)
 
     def _record_packet(self, observation: Observation, initiator: Initiator) -> None:
-        is_request = observation.flow.direction is Direction.REQUEST
-        (self.reply_monitor.on_request if is_request else self.reply_monitor.on_received)(self.now())
-        self._log_packet(observation, initiator)
-        self._tap(observation)
-
-    def _log_packet(self, observation: Observation, initiator: Initiator) -> None:
-        """Write a packet to the action log, unless the packet belongs to an automatic read."""
         item, connection = observation.item, LoggedConnection.of_conversation(observation.flow.conversation)
         if observation.flow.direction is Direction.RESPONSE:
+            self.reply_monitor.on_received(self.now())
             self.action_log.log_reply(connection, item, observation.time)
-            return
-        reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is CallEffect.READS
-        self.action_log.log_request(
-            connection,
-            item,
-            observation.time,
-            initiator.value,
-            is_logged=initiator is Initiator.USER or not reads,
-        )
+        else:
+            self.reply_monitor.on_request(self.now())
+            reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is CallEffect.READS
+            is_logged = initiator is Initiator.USER or not reads  # automatic reads are not logged
+            self.action_log.log_request(connection, item, observation.time, initiator.value, is_logged)
+        self._tap(observation)
 
     def _on_log_error(self, path: Path, error: OSError) -> None:
         self.report(SessionProblem(path, error_reason(error)))

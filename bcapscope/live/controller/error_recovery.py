@@ -1,8 +1,5 @@
-"""Recovery after an error: read the errors, clear them, and return to slave mode.
-
-The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). bcapscope clears the
-errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps,
-bcapscope reads the errors, because clearing deletes them.
+"""Recovery after an error: read the errors, clear them, and return to slave mode (DENSO Wave 2009, How to use
+the Slave mode, Clearing errors). Clearing deletes the errors.
 """
 
 from __future__ import annotations
@@ -43,9 +40,6 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Store the mode of an answered `slvChangeMode`, and the set point of the first answered `slvMove` in
-        this mode.
-        """
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]
@@ -66,11 +60,8 @@ class LastSlaveSession:
 async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, str], ...]:
     """Read the controller's current errors, newest first, each with its code and the controller's text.
 
-    Leave slave mode before the calls that read errors, because these calls may end slave mode abruptly
-    (public issues of DENSORobot/denso_robot_ros).
-
-    Raises:
-        BcapError, OSError: See `ControllerSession.call`.
+    First leave slave mode, because calls that read errors may end it abruptly (public issues of
+    DENSORobot/denso_robot_ros). Raises the exceptions of `ControllerSession.call`.
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
@@ -80,13 +71,8 @@ async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, st
 async def run_recovery_step(
     session: ControllerSession, recovery_step: RecoveryStep, first_position: str, mode: int
 ) -> HistoryRecord:
-    """Run one recovery step, and return the record of its last call.
-
-    Args:
-        first_position: Target of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
-
-    Raises:
-        BcapError, OSError: See `ControllerSession.call`.
+    """Run one recovery step, and return the record of its last call. `first_position` is in the notation of
+    Robot_Move. Raises the exceptions of `ControllerSession.call`.
     """
     if recovery_step is RecoveryStep.CLEAR:
         return await session.record_calls(clear_errors(_controller(session)))

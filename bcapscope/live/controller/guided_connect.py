@@ -39,14 +39,10 @@ class ConnectStepError(BcapError):
 async def connect(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str], robot: str, option: str
 ) -> bool:
-    """Run the steps of connecting. If a step fails, do not run the later steps.
+    """Run the steps of connecting, until one fails. Return whether all succeeded.
 
-    Args:
-        providers: Provider names for Controller_Connect, which are tried in this order.
-        robot: Name of the robot to open; if it is empty, no robot is opened.
-
-    Returns:
-        Whether all steps succeeded. If `Controller_Connect` or an earlier step failed, the link is closed.
+    `providers` are tried in this order. Without the name of a robot, none is opened. If `Controller_Connect`
+    or an earlier step fails, the link is closed.
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
@@ -83,10 +79,7 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT.
-
-    Return the record of the call that opens the robot.
-    """
+    """Open and select a robot, read its type, and prepare HALT. Return the record of opening it."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -95,10 +88,7 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
 
 
 async def start_robslave(session: ControllerSession) -> HistoryRecord:
-    """Start the task RobSlave for one cycle. If the task is not open, open it first.
-
-    Return the record of the last call.
-    """
+    """Start the task RobSlave for one cycle. Return the record of the last call."""
     opener, controller = session.opener, session.controller
 
     async def steps() -> None:
@@ -110,9 +100,7 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
 
 @contextmanager
 def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[list[Message | str]]:
-    """Report the start and the end of a step. In the `with` block, the caller adds the step's result to the
-    list that `_reported_step` yields.
-    """
+    """Report the start and the end of a step, with the result that the caller adds to the yielded list."""
     session.report(ConnectStepUpdate(step, None))
     result: list[Message | str] = []
     try:
@@ -131,9 +119,7 @@ def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[li
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the call that opens the robot, and the robot's name and
-    type. If the robot cannot be opened, return None in place of the name and type.
-    """
+    """Open and select a robot. Return the record of opening it, and its name and type; None on failure."""
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
     if robot is None:

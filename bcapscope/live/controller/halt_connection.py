@@ -1,10 +1,9 @@
-"""The HALT connection: a second connection to the controller that only halts a robot. The HALT connection has
-its own thread, event loop and session, and is open before HALT is needed.
+"""The HALT connection: a second connection to the controller that only halts a robot. It has its own thread,
+event loop and session, and is open before HALT is needed.
 
-A b-CAP call blocks its connection until the call ends. While a call blocks a connection, DENSO's C server
-refuses other calls on that connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses
-a separate connection on which the robot is already open. HALT does not depend on the event loops of the
-screen or of other calls. The key for HALT only sets an event in the event loop of this connection.
+A b-CAP call blocks its connection until it ends: meanwhile, DENSO's C server refuses other calls as busy
+(orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses a separate connection on which the robot is
+already open, and does not depend on the event loops of the screen or of other calls.
 """
 
 from __future__ import annotations
@@ -29,27 +28,21 @@ HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""After the user pressed HALT, the thread tries to reopen a lost connection for this many seconds.
-"""
+"""Seconds after the user pressed HALT in which the thread tries to reopen a lost connection."""
 
 _REOPEN_DELAY = 0.05
 
 _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
-"""Result codes that a controller returns if it no longer knows the connection, for example over UDP after
-Reset on the pendant.
-"""
+"""Codes of a controller that no longer knows the connection, for example after Reset on the pendant."""
 
 CLOSE_TIMEOUT = 3.0
 """Maximum time in seconds that `close` waits for the connection to release its objects."""
 
 
 class HaltState(StrEnum):
-    """State of the HALT connection. The state says whether HALT can be sent, or what the latest HALT
-    achieved.
-    """
+    """State of the HALT connection: whether HALT can be sent, or what the latest HALT achieved."""
 
     CLOSED = "closed"
-    """No controller is connected."""
     OPENING = "opening"
     READY = "ready"
     LOST = "lost"
@@ -75,8 +68,6 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """A HALT connection to a controller, which opens in the background."""
-
     def __init__(
         self,
         target: ControllerTarget,
@@ -85,13 +76,8 @@ class HaltConnection:
         robot: str = DEFAULT_ROBOT,
         heartbeat: float = HEARTBEAT,
     ) -> None:
-        """Start to open the connection, and return at once.
-
-        Args:
-            target: The controller. If the target has a name for Controller_Connect, this connection appends
-                "-halt", because these names must be unique.
-            report: Function that receives every change of state, in this connection's thread.
-            observer: Function that receives every packet, in this connection's thread.
+        """Start to open the connection, and return at once. Its thread calls `report` and `observer`. The
+        name for Controller_Connect gets the suffix "-halt", because these names must be unique.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report
@@ -118,17 +104,11 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """Suspend or resume the heartbeat. While another client is in slave mode, send only HALT, because any
-        other call may end that slave mode.
-        """
+        """In another client's slave mode, send only HALT, because any other call may end slave mode."""
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only whether HALT succeeded or failed.
-
-        Call this method before a new HALT connection replaces this connection, so that only the new
-        connection reports its state.
-        """
+        """From now on, report only whether HALT succeeded or failed. A new connection reports the rest."""
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda update: report(update) if update.state in halt_results else None
@@ -163,11 +143,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Delay the next attempt to open the connection. If HALT is pending, the delay is `_REOPEN_DELAY`
-        seconds. If HALT is not pending, the delay is at most the interval of heartbeats.
-
-        A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
-        interrupt another motion.
+        """Delay the next attempt to open the connection; only shortly if HALT is pending. A pending HALT
+        fails after `RETRY_WITHIN`, because a later HALT could interrupt another motion.
         """
         if self._pressed.is_set() and self._loop.time() < self._retry_until:
             await asyncio.sleep(_REOPEN_DELAY)
@@ -179,7 +156,6 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open the robot, then halt it whenever the user presses HALT, until the connection is closed."""
         self._report(HaltUpdate(HaltState.OPENING))
         opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
         handle = await opener.handle_for(ObjectClass.ROBOT)
@@ -220,11 +196,7 @@ class HaltConnection:
         self._report(HaltUpdate(HaltState.READY, round_trip=took))
 
     async def _halt_robot(self, session: Session, handle: int) -> None:
-        """Halt the robot.
-
-        If the controller refuses HALT for the first time, reopen the connection, because the controller may
-        have forgotten this connection.
-        """
+        """If the controller refuses HALT once, reopen the connection, which it may have forgotten."""
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()
         try:

@@ -17,9 +17,7 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""Result of a step, or the reason why the step failed. The screen shows the parts with commas between them;
-() means that there is no result.
-"""
+"""Result of a step, or why it failed. The screen shows the parts with commas between them."""
 
 
 class RecordOutcome(StrEnum):
@@ -33,9 +31,7 @@ class RecordOutcome(StrEnum):
 class Initiator(StrEnum):
     USER = "user"
     SCREEN = "screen"
-    """bcapscope made the call on its own: to identify the controller, to recover from an error, or to release
-    objects.
-    """
+    """bcapscope made the call on its own: to identify the controller, to recover, or to release objects."""
     WATCH = "watch"
 
 
@@ -46,11 +42,10 @@ class HistoryRecord:
     Attributes:
         number: Number of the call, counted from 1 in the order in which the calls started.
         began: Time of the first attempt, ns since 1970-01-01 UTC.
-        took: Time in ns from the first attempt to the reply, or to the end of the call if there was no reply.
+        took: Time in ns from the first attempt to the reply or to the end of the call.
         packets: Packets sent and received for the call, in order; at most `history_recorder.MAX_PACKETS`.
         notices: Number of S_EXECUTING notices.
-        late_replies: Number of late replies.
-        subject: Object whose handle the call used, such as a variable; None if that object was not open.
+        subject: Object whose handle the call used, such as a variable; None if it was not open.
     """
 
     number: int

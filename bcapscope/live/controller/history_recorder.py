@@ -1,7 +1,4 @@
-"""Builds the records of calls from the packets and events that a session reports.
-
-Calls of the user and automatic calls of bcapscope use the same link, and both are recorded.
-"""
+"""Builds the records of calls, of the user or automatic, from the packets and events of a session."""
 
 from __future__ import annotations
 
@@ -31,9 +28,7 @@ INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
 """Who initiated the calls of the current asyncio task: the user or bcapscope."""
 
 MAX_PACKETS = 256
-"""Maximum number of packets in the record of one call. Without a limit, a flood of packets from the
-controller could fill the memory.
-"""
+"""Maximum number of packets in one record. A flood of packets must not fill the memory."""
 
 
 class HistoryRecorder:
@@ -44,9 +39,7 @@ class HistoryRecorder:
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """`subject_of` returns the object that a call uses, given the function id and the arguments of the
-        call.
-        """
+        """`subject_of` returns the object that a call uses, given its function id and arguments."""
         self._on_record = on_record
         self._subject_of = subject_of
         self._next_number = 1
@@ -81,14 +74,11 @@ class HistoryRecorder:
             self.abandon_call()
 
     def abandon_call(self) -> None:
-        """If a call is in progress, record this call as abandoned."""
         if self._call is not None:
             self._complete_call(self._call, RecordOutcome.ABANDONED, ())
 
     def complete_raw_call(self) -> None:
-        """Complete the record of raw bytes that the user sent. The last frame from the controller becomes the
-        reply in this record.
-        """
+        """Complete the record of raw bytes. The last frame from the controller is the reply."""
         call = self._call
         if call is None:
             return
@@ -109,9 +99,7 @@ class HistoryRecorder:
         reply: Frame | None = None,
         took: int | None = None,
     ) -> None:
-        """Pass the record of a call to `_on_record`. `took` is the duration of the call in ns; None if the
-        call ends now.
-        """
+        """Record a call. `took` is in ns; None if the call ends now."""
         request = call.packets[0].item
         code, arguments = (request.code, request.variants) if isinstance(request, Frame) else (-1, ())
         self._call = None

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 REPLY_OVERDUE_AFTER = 1_500_000_000
-"""Time in ns after a request at which its reply is overdue. Only calls that move the robot take longer than
-this.
-"""
+"""Time in ns that only calls that move the robot exceed."""
 
 
 class ReplyMonitor:
-    """Stores when the controller last sent a packet on any connection, and how long bcapscope has waited for
-    a reply.
-
-    Any thread may report requests and received packets. All times are in ns of the same clock. If no request
-    is open, no reply is overdue.
+    """Stores when the controller last sent a packet on any connection, and since when a reply is missing. Any
+    thread may report requests and packets. All times are in ns of the same clock.
     """
 
     def __init__(self, now: int) -> None:
@@ -28,10 +23,8 @@ class ReplyMonitor:
         self._last_received, self._waiting_since = now, 0
 
     def silence(self, now: int) -> int:
-        """Return the time in ns since the last packet was received."""
         return now - self._last_received
 
     def is_reply_overdue(self, now: int) -> bool:
-        """Return whether bcapscope has waited longer than `REPLY_OVERDUE_AFTER` for a reply."""
         asked = self._waiting_since
         return asked > 0 and now - asked > REPLY_OVERDUE_AFTER

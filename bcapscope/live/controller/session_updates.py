@@ -1,7 +1,4 @@
-"""Updates that the Tester's session sends to the screen. The threads of the session send the updates.
-
-The screen passes the updates on to its own thread.
-"""
+"""Updates that the threads of the Tester's session send to the screen."""
 
 from __future__ import annotations
 
@@ -31,12 +28,7 @@ class ConnectStep(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConnectStepUpdate:
-    """A step of connecting to the controller has started or ended.
-
-    Attributes:
-        done: Whether the step succeeded; None while the step runs.
-        result: Result of the step, or the reason of its failure.
-    """
+    """A step of connecting has started (`done` is None), succeeded or failed."""
 
     step: ConnectStep
     done: bool | None
@@ -45,14 +37,7 @@ class ConnectStepUpdate:
 
 @dataclass(frozen=True, slots=True)
 class ControllerIdentity:
-    """Facts that the controller reports about itself.
-
-    Attributes:
-        version: Version of the controller's software; empty if the controller reports none.
-        type_name: Type of the robot; empty if the controller reports none or no robot is open.
-        type_number: Value of the robot's variable @TYPE; empty if the controller reports none or no robot is
-            open.
-    """
+    """Facts that the controller reports; empty if unknown. `type_name` and `type_number` are the robot's."""
 
     is_simulator: bool = False
     version: str = ""
@@ -66,11 +51,9 @@ class SessionStatus:
 
     Attributes:
         open_objects: Open objects in the order in which they were opened.
-        robot: Robot to which the session sends robot commands; None if no robot is selected.
-        slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if slave mode is
-            off.
-        holds_arm: Whether TakeArm succeeded, without a later GiveArm. After an error, the controller may have
-            released the arm, even if `holds_arm` is True.
+        robot: Robot to which the session sends robot commands.
+        slave_mode: Number of the slave mode, derived from this client's own calls; 0 if it is off.
+        holds_arm: Whether TakeArm succeeded, without a later GiveArm. An error may have released the arm.
         round_trip: Round trip in ns of the last answered call.
     """
 
@@ -87,7 +70,6 @@ class SessionStatus:
         return self.target is not None
 
     def after_call(self, record: HistoryRecord, open_objects: tuple[ObjectHandle, ...]) -> SessionStatus:
-        """Return the status after a call; `open_objects` are the objects that are open after the call."""
         command = command_of(record.function_id, record.arguments)
         answered = record.outcome is RecordOutcome.ANSWERED
         mode = _slave_mode_after(record)
@@ -102,7 +84,6 @@ class SessionStatus:
 
 
 def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Return the slave mode after a call; None if the call does not show it."""
     if record.outcome is RecordOutcome.ANSWERED:
         return requested_slave_mode(record.function_id, record.arguments)
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
@@ -116,8 +97,6 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLost:
-    """The connection was lost."""
-
     reason: Reason
 
 
@@ -128,9 +107,7 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """A part of the session failed, such as writing the action log to the file `path`. Calls to the
-    controller still work.
-    """
+    """A part of the session failed, such as writing the action log to `path`. Calls still work."""
 
     path: Path
     reason: Reason
