@@ -245,25 +245,6 @@ class RunTable:
         return self._sources[at], self._numbers[at] + number - self._starts[at]
 
 
-class FrameOrigins:
-    """Finds the packet that completed a frame. A decoder adds the packets."""
-
-    def __init__(self, origin_of_packet: Callable[[int], PacketOrigin | None]) -> None:
-        self._packets_of_frames = RunTable()
-        self._origin_of_packet = origin_of_packet
-
-    def add(self, frame: int, packet: int) -> None:
-        """Remember the packet of a frame. You need not call `add` for a frame whose packet directly follows
-        the previous frame's packet.
-        """
-        self._packets_of_frames.add(frame, 0, packet)
-
-    def origin_of(self, frame: int) -> PacketOrigin | None:
-        """Return the capture and the packet that hold the frame with this number; None if not known."""
-        found = self._packets_of_frames.find(frame)
-        return None if found is None else self._origin_of_packet(found[1])
-
-
 def _file_size(path: str) -> int | None:
     """Return the size of a file in bytes; 0 if the file does not exist; None for a stream."""
     try:

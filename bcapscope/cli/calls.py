@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option
@@ -159,7 +158,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
         """Yield the selected calls. If there is no filter, also yield stray replies, between the calls."""
-        return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
+        return self._reader.read_items(self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         for item, subject in self.all_items():

@@ -17,7 +17,6 @@ from bcapscope.analysis.slave.captured_trajectory import (
     TrajectoryPiece,
     TrajectoryStep,
 )
-from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
@@ -108,7 +107,7 @@ def _is_by_client(client: str) -> Callable[[Conversation], bool]:
 
 
 def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> Iterator[TrajectoryPiece]:
-    yield from read_items(reader, reader.pipeline(trajectories), trajectories.ready)
+    yield from reader.read_items(reader.pipeline(trajectories), trajectories.ready)
     trajectories.finish()
     yield from trajectories.ready
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 
 import click
 
-from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.capture.capture_sequence import STDIN, CaptureSequence
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
@@ -100,15 +100,7 @@ class CaptureReader(CaptureInput):
         self._tested_count, self._has_match = 0, False
         self._lost_packets = 0
         self._problems: list[str] = []
-        super().__init__(
-            paths,
-            ports,
-            self._add_problem,
-            open_file=self._open,
-            packets_of=self._read_packets,
-            side=side,
-            taken_at=taken_at,
-        )
+        super().__init__(paths, ports, self._add_problem, side=side, taken_at=taken_at)
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or only the frames captured at the chosen side.
@@ -136,7 +128,7 @@ class CaptureReader(CaptureInput):
         from bcapscope.traffic.pipeline import CallCollector
 
         collector = CallCollector(self.call_test(wanted))
-        return read_items(self, self.pipeline(collector), collector.calls)
+        return self.read_items(self.pipeline(collector), collector.calls)
 
     def call_test(self, wanted: Filter | None) -> Callable[[Call], bool] | None:
         """Return a function that tests whether a call matches the filter; None if there is no filter.
@@ -276,16 +268,16 @@ class CaptureReader(CaptureInput):
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _read_packets(self, sequence: CaptureSequence) -> Iterator[Packet]:
+    def _packets(self, captures: CaptureSequence) -> Iterator[Packet]:
         if self._interface:
             yield from self._live_packets()
             return
         with suppress(_Interrupted):
-            yield from sequence
+            yield from captures
 
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:
-            return open_capture(path)
+            return super()._open(path)
         return CaptureFile(cast(BinaryIO, _StandardInput()))
 
     def _add_problem(self, path: str, error: CaptureError) -> None:
