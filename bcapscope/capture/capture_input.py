@@ -1,6 +1,4 @@
-"""Read several captures, and folders of captures, as one input. A conversation may be captured at two
-places.
-"""
+"""Read several captures, and folders of captures, as one input."""
 
 from __future__ import annotations
 
@@ -32,14 +30,11 @@ class CaptureInput:
     """Several captures that are read as one input. A `CaptureInput` can be read only once.
 
     Attributes:
-        on_first_time: Function that is called with the time of the first observation, before that observation
-            is yielded.
+        on_first_time: Called with the time of the first observation, before this observation is yielded.
         first_time: Time of the first observation, ns since 1970; 0 until the first observation was read.
         plans: Pairs of captures that hold the same conversations.
-        decoder: Decoder that turns the packets into observations, and holds the counts, the comments and the
-            conversations so far.
-        captures: The captures, with their paths, their total size, and the position that reading has reached.
-            Each folder is replaced by the captures in it.
+        decoder: Holds the counts, the comments and the conversations so far.
+        captures: The captures in the order of reading. Each folder is replaced by the captures in it.
     """
 
     def __init__(
@@ -56,8 +51,8 @@ class CaptureInput:
         Args:
             paths: Paths of captures and of folders with captures.
             ports: Ports of controllers; if empty, the usual ports.
-            on_problem: Function that receives the path and the error of a capture that cannot be read to its
-                end. Reading continues with the next capture.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
+                continues with the next capture.
             side: The side to read if a conversation was captured at both sides; None to read both sides.
             taken_at: Where the captures were taken; None to infer the place from the traffic.
         """
@@ -122,9 +117,7 @@ class CaptureInput:
         yield from joiner.close()
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
-        """Return a pipeline for the input. The pipeline joins conversations that were captured at several
-        places.
-        """
+        """Return a pipeline that joins conversations that were captured at several places."""
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
 
@@ -133,17 +126,14 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent without a request from a client. `own_requests` counts only
-        requests of conversations whose two legs the pipeline joined.
+        """Number of requests that a proxy sent without a request from a client. Counts only conversations
+        whose two legs the pipeline joined.
         """
         return 0 if self._joiner is None else self._joiner.own_requests
 
     @property
     def ended_at(self) -> int:
-        """Time of the last packet of any protocol, in ns since 1970.
-
-        This property is valid after all observations were read.
-        """
+        """Time of the last packet of any protocol, ns since 1970. Valid after all observations were read."""
         return self.decoder.end_time
 
     def remember_origins(self) -> None:
@@ -156,9 +146,7 @@ class CaptureInput:
         return None if found is None else self.captures.origin_of(found[1])
 
     def find_frame(self, frame: int) -> tuple[str, int] | None:
-        """Return the name of the capture that holds a frame, and the number of the frame's packet in this
-        capture; None if not known.
-        """
+        """Return the name of a frame's capture, and the frame's packet number there; None if not known."""
         origin = self.origin_of_frame(frame)
         return None if origin is None else (origin.name, origin.packet)
 

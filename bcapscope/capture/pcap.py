@@ -20,9 +20,7 @@ MAGICS = {
 """For each magic number of a pcap file: the byte order, and the resolution of packet times in ns."""
 
 RECORD_LIMIT = 256 * 1024
-"""Largest packet in bytes. libpcap refuses larger packets for every link type that carries IP (pcap-int.h,
-MAXIMUM_SNAPLEN 262144).
-"""
+"""Largest packet in bytes, as in libpcap for every link type with IP (pcap-int.h, MAXIMUM_SNAPLEN)."""
 
 _HEADER_SIZE = 24
 _RECORD_HEADER_SIZE = 16
@@ -33,8 +31,8 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with one of `MAGICS`.
 
     Raises:
-        CaptureError: The file ends inside a record, or a record claims more than `RECORD_LIMIT` bytes. Before
-            this error, the iterator yields all packets that precede the damage.
+        CaptureError: A record is incomplete or claims more than `RECORD_LIMIT` bytes. All packets before the
+            damage were yielded.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(Message("capture.cut-header", length=len(source.data)), 0)

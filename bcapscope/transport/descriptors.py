@@ -14,15 +14,14 @@ from typing import Any
 
 
 def is_out_of_descriptors(error: OSError) -> bool:
-    """Return whether an error means that the process or the system has no free file descriptor."""
+    """Return whether the process or the system has no free file descriptor."""
     return error.errno in (errno.EMFILE, errno.ENFILE)
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Wait at most `seconds` until a file descriptor is readable. Return whether it is readable.
+    """Return whether a file descriptor is readable within `seconds`. Opens no file descriptor.
 
-    This function opens no file descriptor. On systems with `poll`, the descriptor may be larger than the
-    limit of `select`.
+    On systems with `poll`, the descriptor may be larger than the limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -36,8 +35,7 @@ def accept_connection(
 ) -> tuple[socket.socket, Any] | None:
     """Accept a connection and return its socket and address; None if no connection is pending.
 
-    If no file descriptor is free, this function calls `free_descriptor`. `free_descriptor` closes a
-    descriptor, or returns False if there is no descriptor to close.
+    If no file descriptor is free, `free_descriptor` closes one, or returns False if it cannot.
 
     Raises:
         OSError: No connection can be accepted now.
@@ -71,22 +69,21 @@ def raise_descriptor_limit(count: int) -> None:
 
 
 class SpareDescriptors:
-    """Spare file descriptors that bcapscope can release for a more important connection."""
+    """Up to `count` spare file descriptors that can be released for a more important connection."""
 
     def __init__(self, count: int) -> None:
-        """Set the number of descriptors to reserve; `refill` opens them."""
         self._count = count
         self._held: list[int] = []
 
     def refill(self) -> bool:
-        """Open the missing spare descriptors; return whether all spare descriptors are open now."""
+        """Open the missing spare descriptors; return whether all of them are open now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
     def release_one(self, *, keep: int = 0) -> bool:
-        """Close a spare descriptor if more than `keep` are open; return whether a descriptor was closed."""
+        """Close a spare descriptor if more than `keep` are open; return whether one was closed."""
         if len(self._held) <= keep:
             return False
         os.close(self._held.pop())

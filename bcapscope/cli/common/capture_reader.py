@@ -1,4 +1,4 @@
-"""Read captures for a command, and print a summary of the traffic and of the errors that occurred."""
+"""Read captures for a command, and print a summary of the traffic and of the errors."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ class CaptureReader(CaptureInput):
     """The input of a command. Several captures, such as the files of a ring, are read as one.
 
     Attributes:
-        on_idle: Function that is called several times per second while a live capture delivers no frames. The
-            function receives the time up to which all packets were read, ns since 1970.
+        on_idle: Called several times per second while a live capture delivers no frames, with the time up to
+            which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
     """
 
@@ -75,9 +75,7 @@ class CaptureReader(CaptureInput):
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `side` is the side to read if a conversation was captured at both sides; None to read both sides.
-        `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
-        `comment_words` formats the comments that bcapscope adds to pasted frames.
+        `side` and `taken_at` are as in `CaptureInput`. `comment_words` formats the comments on pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -103,10 +101,7 @@ class CaptureReader(CaptureInput):
         super().__init__(paths, ports, self._add_problem, side=side, taken_at=taken_at)
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only the frames captured at the chosen side.
-
-        If a capture cannot be read to its end, no exception is raised; `print_summary` prints the error.
-        """
+        """Yield all frames of the input. `print_summary` prints why a capture was not read to its end."""
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -114,7 +109,7 @@ class CaptureReader(CaptureInput):
         self._progress.remove()
 
     def read_to_end(self, *subscribers: PipelineSubscriber) -> None:
-        """Read the input to its end, and pass the traffic to the subscribers. Show the progress of this."""
+        """Pass the whole traffic to the subscribers, and show the progress."""
         pipeline = self.pipeline(*subscribers)
         add = pipeline.add
         for count, observation in enumerate(self.observations()):
@@ -131,19 +126,14 @@ class CaptureReader(CaptureInput):
         return self.read_items(self.pipeline(collector), collector.calls)
 
     def call_test(self, wanted: Filter | None) -> Callable[[Call], bool] | None:
-        """Return a function that tests whether a call matches the filter; None if there is no filter.
-
-        If no call matches the filter, `print_summary` reports this.
-        """
+        """Return a function that tests calls with the filter; None without filter. See `record_test`."""
         return None if wanted is None else self.record_test(wanted, CALL_GETTERS, lambda call: call.number)
 
     def record_test(
         self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records with the filter. If no record matches the filter,
-        `print_summary` reports this.
-
-        `number_of` is a function that returns the number of a record, counted from 1.
+        """Return a function that tests records. `print_summary` reports if no record matches. `number_of`
+        returns the number of a record, counted from 1.
         """
         self._filter = wanted
         test = wanted.bind(getters, lambda: self.first_time)
@@ -157,10 +147,8 @@ class CaptureReader(CaptureInput):
         return counted
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter for the command's messages.
-
-        If the command reads several captures, the formatter names the capture and the packet after each frame
-        number.
+        """Return the formatter of messages, which names capture and packet after each frame number if there
+        are several captures.
         """
         return self._words if len(self.captures.paths) < 2 else self._words.for_captures(self._find_frame)
 
@@ -173,7 +161,6 @@ class CaptureReader(CaptureInput):
         return self.decoder.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
-        """Show the progress if reading a file takes long."""
         self._progress.show(self.captures.position, self.captures.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
@@ -181,12 +168,10 @@ class CaptureReader(CaptureInput):
         write_lines(lines, self._lines_at_once, self.show_progress)
 
     def finish(self) -> NoReturn:
-        """Print the summary and exit."""
         self.print_summary()
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print to stderr what was read and which errors occurred."""
         if self._filter is not None and self._tested_count and not self._has_match:
             self._print_no_match(self._filter)
         self._progress.remove()
@@ -289,7 +274,7 @@ class CaptureReader(CaptureInput):
 
 
 class _Interrupted(Exception):
-    """Ctrl-C ended reading. After Ctrl-C, bcapscope does not report an incomplete last packet."""
+    """Ctrl-C ended reading; an incomplete last packet is then not reported."""
 
 
 def _is_file(stream: TextIO) -> bool:

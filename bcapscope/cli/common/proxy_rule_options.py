@@ -35,9 +35,8 @@ class RuleOptions:
 
     Attributes:
         faults: Faults from the command line, followed by the faults from files (`--rules`).
-        control: Address of the control socket; None if there is no control socket.
-        command_line: The rule options as the user typed them, without --control, for starting another process
-            with the same rules.
+        control: Address of the control socket; None if there is none.
+        command_line: The rule options without --control, for another process with the same rules.
     """
 
     seed: int
@@ -54,11 +53,7 @@ class RuleOptions:
     command_line: tuple[str, ...] = ()
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
-        """Start the process that loads and runs the scripts; return None if there are no scripts.
-
-        Raises:
-            ScriptError: the process cannot be started.
-        """
+        """Start the scripts' process; None if there are no scripts. Raises ScriptError."""
         if not self.scripts:
             return None
         from bcapscope.proxy.script_process import DEFAULT_MEMORY_MB, ScriptProcess
@@ -67,9 +62,7 @@ class RuleOptions:
         return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules; return None if the options define none. The delay in a fault's field `after`
-        begins when `build_rules` is called.
-        """
+        """Create the rules; None if the options define none. The delay `after` of faults begins now."""
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
             return None
@@ -89,10 +82,10 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Make rules and scripts report their messages through `relay.notify`. With --control, open the
-        control socket and return the control server.
+        """Report messages of rules and scripts through `relay.notify`. With --control, return the control
+        server.
 
-        Clients of the control socket can also read the values in `state`.
+        Its clients can also read the values in `state`.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -168,7 +161,7 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option, and keeps the text that the user typed."""
+    """Return a click callback that parses an option, and keeps the text that the user typed."""
     parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -337,7 +330,4 @@ _OPTIONS = (
 _NAMES = ("rule_files", *(each.name for each in fields(RuleOptions)))
 
 rule_options = options.bundled("rules", _make_rule_options, _OPTIONS, _NAMES)
-"""Decorator that adds the rule options.
-
-The command gets the options as one argument `rules`, a `RuleOptions`.
-"""
+"""Adds the rule options, as one argument `rules`: `RuleOptions`."""

@@ -114,17 +114,13 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Decorator that adds the argument HOST and the connection options. The decorated command gets HOST and the
-options as one argument `target`.
-"""
+"""Adds the argument HOST and the connection options, as one argument `target`."""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
     "Connect to this port of the controller; with --as server, listen on this port.",
 )
-"""Decorator like `target_options`, for commands that can run without a controller. If HOST is missing,
-`target.host` is empty.
-"""
+"""Like `target_options`, but HOST may be missing; `target.host` is then empty."""
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:
