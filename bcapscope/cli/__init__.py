@@ -65,9 +65,9 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS and cmd_name not in _HIDDEN_COMMANDS:
             return None
-        module = importlib.import_module(f"bcapscope.cli.{cmd_name}")
-        command = module.command
+        command = importlib.import_module(f"bcapscope.cli.{cmd_name}").command
         assert isinstance(command, click.Command)
+        command.short_help = _COMMANDS.get(cmd_name)
         return command
 
     def invoke(self, ctx: click.Context) -> Any:

@@ -60,9 +60,7 @@ class _ScriptFile(click.File):
         return super().convert(value, param, ctx)
 
 
-@click.command(
-    short_help="Call functions of a controller.", context_settings={"ignore_unknown_options": True}
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @target_options
 @click.argument("typed", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
 @click.option(

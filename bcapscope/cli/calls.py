@@ -30,7 +30,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 _MAX_SESSIONS_LISTED = 8
 
 
-@click.command(short_help="Show calls: each request with its retries and reply, one line per call.")
+@click.command()
 @options.paths
 @options.interface
 @options.ports

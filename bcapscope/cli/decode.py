@@ -44,7 +44,7 @@ class FrameFormat(StrEnum):
     JSON = "json"
 
 
-@click.command(short_help="Decode frames, one line each.")
+@click.command()
 @options.paths
 @options.interface
 @click.option(

@@ -37,7 +37,7 @@ def _known_rule(rule_id: str) -> str:
     return rule_id
 
 
-@click.command(short_help="Explain what went wrong, root cause first.")
+@click.command()
 @options.paths
 @options.interface
 @options.ports

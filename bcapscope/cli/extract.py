@@ -40,7 +40,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 }
 
 
-@click.command(short_help="Write slave-mode trajectories to CSV or JSON.")
+@click.command()
 @options.captures
 @options.output_option(
     "Write to this file, whose name ends in .csv or .json. With several sessions, each file name gets the "

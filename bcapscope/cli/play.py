@@ -95,7 +95,7 @@ def _parse_mode(value: str) -> SlaveModePacing | int:
     return number
 
 
-@click.command(short_help="Move a robot along a trajectory in slave mode.")
+@click.command()
 @trajectory_options
 @target_options
 @click.option(

@@ -63,7 +63,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 _MAX_LISTED = 8
 
 
-@click.command(short_help="Play one side of a recording again.")
+@click.command()
 @click.argument("capture", type=click.Path(allow_dash=True))
 @optional_target_options
 @click.option(

@@ -27,7 +27,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 _NEEDED = ("jinja2", "plotly")
 
 
-@click.command(short_help="Write one HTML page with findings, figures and charts.")
+@click.command()
 @options.captures
 @options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports

@@ -67,7 +67,7 @@ def _behaviour_lines() -> Iterator[str]:
     return align_columns([head, *rows], "<<<<")
 
 
-@click.command(short_help="Simulate a controller without a robot.")
+@click.command()
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),

@@ -17,7 +17,7 @@ from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
 
 
-@click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
+@click.command()
 @figure_options("Print one JSON object per session.")
 def command(**given: Any) -> None:
     """Show each slave-mode session: its client, how it ended, its timing and its motion.

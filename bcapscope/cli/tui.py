@@ -22,7 +22,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 """File suffixes. An argument that ends in one of these suffixes is a file, not a host name."""
 
 
-@click.command(short_help="Open the screen: test a controller, show live traffic or a capture.")
+@click.command()
 @click.argument("path", metavar="[HOST|FILE]", required=False, type=click.Path())
 @options.interface
 @options.ports

@@ -15,13 +15,13 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
+from bcapscope.faults.quantities import DurationQuantity, FrameCondition
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
 # This module imports most other modules inside functions, so that `bcapscope tui` starts fast.
 if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import AnyFault
-    from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
     from bcapscope.proxy.relay import Relay
     from bcapscope.proxy.request_guard import GuardTarget, RequestGuard
@@ -180,18 +180,6 @@ def _fault(text: str) -> AnyFault:
     return read_fault(text)
 
 
-def _condition(text: str) -> FrameCondition:
-    from bcapscope.faults.quantities import FrameCondition
-
-    return FrameCondition.read(text)
-
-
-def _duration(text: str) -> DurationQuantity:
-    from bcapscope.faults.quantities import DurationQuantity
-
-    return DurationQuantity.read(text)
-
-
 def _target(text: str) -> GuardTarget:
     from bcapscope.proxy.request_guard import read_target
 
@@ -201,7 +189,7 @@ def _target(text: str) -> GuardTarget:
 def _script_limit(text: str) -> int:
     from bcapscope.proxy.script_queue import LONGEST_LIMIT, SHORTEST_LIMIT
 
-    limit = _duration(text)
+    limit = DurationQuantity.read(text)
     if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
         raise ValueError(f"{text} is not a time from 1ms to 10s")
     return limit
@@ -277,7 +265,7 @@ _OPTIONS = (
     click.option(
         "--intercept",
         metavar="EXPRESSION",
-        callback=_parsing_callback(_condition),
+        callback=_parsing_callback(FrameCondition.read),
         help="Hold messages that match this filter until `proxy ctl` releases, edits or drops them. "
         "`bcapscope fields` lists the fields.",
     ),
@@ -285,7 +273,7 @@ _OPTIONS = (
         "--hold",
         "hold_ns",
         metavar="TIME",
-        callback=_parsing_callback(_duration),
+        callback=_parsing_callback(DurationQuantity.read),
         help="Hold a message at most this long (default: 60s), then send it unchanged. The proxy drops a "
         "held request if the client closed its connection, made another call, or on UDP did not retry for "
         "5 s.",
