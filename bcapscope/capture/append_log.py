@@ -14,9 +14,7 @@ _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends each record to a file, and the offset of its end to an index file. Readers see records after
-    `flush`.
-    """
+    """Appends each record to a file, and the offset of its end to an index file."""
 
     def __init__(self, path: Path) -> None:
         """Create `path` and an index file beside it. Raises FileExistsError if one of them exists."""

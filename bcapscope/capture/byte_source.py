@@ -21,9 +21,7 @@ ChunkReader: TypeAlias = Callable[[int], bytes]
 
 
 class ByteSource:
-    """The part of a stream that a capture reader holds in memory. `offset` is the offset of `data` in the
-    capture.
-    """
+    """The part of a stream that a reader holds in memory. `offset` is the offset of `data` in the stream."""
 
     def __init__(self, read: ChunkReader) -> None:
         self._read = read
@@ -59,10 +57,8 @@ class GzipReader:
         self._decompressor = zlib.decompressobj(_GZIP_WINDOW)
 
     def __call__(self, size: int) -> bytes:
-        """Return up to `size` decompressed bytes; b"" at the end.
-
-        Raises:
-            CaptureError: The data are damaged or end early. All bytes before the damage were returned.
+        """Return up to `size` decompressed bytes; b"" at the end. Raise CaptureError at damage, after all
+        bytes before.
         """
         while True:
             if self._decompressor.eof and not self._next_member():
@@ -76,9 +72,7 @@ class GzipReader:
                 return data
 
     def _next_member(self) -> bool:
-        """Continue with the next member; False at the end. Zeros may follow the last member (gzip manual,
-        "tapes").
-        """
+        """Return False at the end. Zeros may follow the last member (gzip manual, "tapes")."""
         rest = self._decompressor.unused_data.lstrip(b"\x00")
         while len(rest) < len(GZIP_MAGIC):
             chunk = self._read(CHUNK_SIZE)

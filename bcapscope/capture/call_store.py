@@ -169,11 +169,7 @@ class CallStore:
         return self._records.refresh()
 
     def read_call(self, index: int) -> StoredCall:
-        """Read the row with this index, from 0. The rows are in the order in which the calls became complete.
-
-        Raises:
-            IndexError: No row has this index.
-        """
+        """Read a row by its index, from 0, or raise IndexError. The rows are in the order of completion."""
         record = _decoder.decode(self._records.read_record(index))
         annotated = self._observations.read_frame(record.request)
         request = cast(FrameObservation, annotated.observation)

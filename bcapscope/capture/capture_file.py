@@ -37,11 +37,8 @@ _OTHER_FORMATS = {
 
 
 class CaptureFile:
-    """A capture that is read once, from beginning to end. The context manager closes the file.
-
-    Attributes:
-        size: Size of the file on disk in bytes; None for a stream without a size, such as a pipe.
-        position: Number of bytes of the file read so far.
+    """A capture that is read once. `position` is the number of bytes read so far. `size` is the file's size
+    on disk in bytes; None for a stream without a size, such as a pipe.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -60,11 +57,8 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets, those from a pipe as soon as they arrive.
-
-        Raises:
-            CaptureError: The stream is not a capture, is damaged or incomplete. All packets before were
-                yielded.
+        """Yield the packets, those from a pipe as soon as they arrive. Raise CaptureError if the stream is
+        not a capture, or after all packets before damage.
         """
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
@@ -104,21 +98,14 @@ class _GrowingFile(io.RawIOBase):
 
 
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
-    """Open a capture file, which may be compressed with gzip. Its content shows the format.
-
-    Raises:
-        CaptureError: The file cannot be opened.
-    """
+    """Open a capture, plain or compressed with gzip, or raise CaptureError. Its content shows the format."""
     return CaptureFile(_open_file(path))
 
 
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
-    """Open a capture that another program is still writing.
+    """Open a capture that another program is still writing, or raise CaptureError.
 
     At its end, the reader calls `on_idle` and waits for new data until the caller sets `ended`.
-
-    Raises:
-        CaptureError: The file cannot be opened.
     """
     return CaptureFile(cast(BinaryIO, _GrowingFile(_open_file(path), ended, on_idle)))
 
@@ -148,8 +135,8 @@ def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError
 
 
 def _captures_in(folder: str) -> list[str]:
-    """Return the captures in a folder, sorted by name. Programs such as rsync give a file a hidden name while
-    they copy it.
+    """Return captures sorted by name. Hidden files are skipped, because rsync gives a file a hidden name
+    while it copies.
     """
     try:
         names = sorted(os.listdir(folder))

@@ -91,10 +91,7 @@ class CaptureInput:
         return captures
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only the frames captured at the side given to `__init__`.
-
-        If a capture cannot be read to its end, no exception is raised; `on_problem` receives the error.
-        """
+        """Yield all frames, or only those of the chosen side. Errors go to `on_problem`; none is raised."""
         observations = self._all_observations()
         return observations if self._side is None else self._of_side(observations, self._side)
 
@@ -126,9 +123,7 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent without a request from a client. Counts only conversations
-        whose two legs the pipeline joined.
-        """
+        """Number of requests that a proxy sent on its own, in conversations whose two legs were joined."""
         return 0 if self._joiner is None else self._joiner.own_requests
 
     @property
@@ -151,9 +146,7 @@ class CaptureInput:
         return None if origin is None else (origin.name, origin.packet)
 
     def read_items(self, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
-        """Read the input to its end, and yield the items that subscribers of the pipeline append to `items`.
-        `items` is cleared when its items were yielded.
-        """
+        """Read the input to its end, and yield the items that the pipeline's subscribers add to `items`."""
         add = pipeline.add
         for observation in self.observations():
             add(observation)

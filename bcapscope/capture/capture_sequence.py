@@ -23,9 +23,7 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of entries in a `RunTable`, which then takes 40 MB. The capture of a later packet or frame
-is unknown.
-"""
+"""Maximum number of entries in a `RunTable` (40 MB). Captures of later packets are unknown."""
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
@@ -34,9 +32,7 @@ _Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
 
 
 class _Input(NamedTuple):
-    """A capture to read. `began` is the time of the first packet, ns since 1970; 0 if not known. `size` is in
-    bytes; None for a stream, such as a pipe.
-    """
+    """`began` is the time of the first packet, ns since 1970; 0 if not known. `size` is None for a stream."""
 
     path: str
     began: int
@@ -139,9 +135,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield packets in chronological order. `waiting` holds each capture's index and the time of its
-        first packet, sorted by these times.
-        """
+        """Yield packets in chronological order. `waiting` holds captures' indexes and first times, sorted."""
         reading: list[_Reading] = []
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):
@@ -192,9 +186,7 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
 
 
 class RunTable:
-    """Converts one numbering to another: packet 1200 of all captures may be packet 200 of the second capture.
-    Each entry converts a range of consecutive numbers.
-    """
+    """Converts one numbering to another: packet 1200 of all captures may be packet 200 of the second."""
 
     def __init__(self) -> None:
         self._starts = array("Q")

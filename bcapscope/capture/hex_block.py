@@ -118,9 +118,8 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Shorten or fill the block up to the next row's `offset`. Return False if `offset` does not fit.
-
-        Bytes beyond `offset` are removed: they are text that was mistaken for hex.
+        """Fill the block up to the next row's `offset`, or remove bytes beyond it: text mistaken for hex.
+        Return False if `offset` does not fit.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]

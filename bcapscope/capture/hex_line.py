@@ -19,8 +19,7 @@ as "facade" are shorter. The smallest argument of a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
-"""Maximum number of columns of a line with a character column. With 64 bytes per row, a dump has 240 columns.
-"""
+"""Maximum number of columns of a dump's line. With 64 bytes per row, a dump has 240 columns."""
 
 
 # The pieces of a line are msgspec structs for speed: every line of a dump creates several pieces.
@@ -41,8 +40,6 @@ class HexDigits(msgspec.Struct, frozen=True):
         indent: Column at which the text of the line begins.
         is_hex_only: Whether the line holds only bytes, an offset and the bytes as characters.
         has_hex_notation: Whether the bytes have an offset, 0x or a backslash.
-        starts_line: Whether nothing precedes the bytes in the line.
-        ends_line: Whether nothing follows the bytes in the line.
     """
 
     digits: str
@@ -92,9 +89,7 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""For each kind of first token, the kinds of tokens that may follow. The last token of a dump's row can have
-fewer digits.
-"""
+"""For each kind of first token, the kinds that may follow. A row's last token can have fewer digits."""
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4

@@ -20,17 +20,13 @@ from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Maximum total number of repeated bytes for the asterisk lines of one text, so that a short text cannot fill
-the memory.
-"""
+"""Maximum total number of bytes that asterisk lines add to one text, so that they cannot fill the memory."""
 
 LARGEST_LIKELY = 64 * 1024
 """Largest plausible value of the length field, in bytes. Frames of real sessions have less than 10 KiB."""
 
 _LONGEST_COMPLETED = 1024
-"""Maximum size in bytes of a block that ends on a line with words. UDP frames have at most 503 bytes
-(orin_bcap dn_udp.h).
-"""
+"""Maximum bytes of a block that ends on a line of words. UDP frames have at most 503 (orin_bcap dn_udp.h)."""
 
 LONGEST_CAPTION = 120
 
@@ -165,9 +161,7 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes on a line with words: the last bytes of the frame above, or the first bytes of
-        the block below.
-        """
+        """Handle the last bytes of the frame above, or the first of the block below, on a line of words."""
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -253,9 +247,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 
 
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
-    """Return whether `block` continues the frame at the end of `before`. A block of one byte may be a page
-    number, so it must complete the frame.
-    """
+    """A block of one byte may be a page number, so it must complete the frame."""
     data = block.data
     lacking = _missing_bytes(before.data)
     return not _begins_as_frame(data) and (len(data) == lacking or 2 <= len(data) < lacking)
@@ -294,9 +286,7 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of frames in a block, whose rows begin at `rows`. A frame begins directly after a
-    whole frame, or at a row that looks like the start of a frame.
-    """
+    """Return the offsets of frames: after a whole frame, or at one of the `rows` that looks like a start."""
     cuts = [0]
     while True:
         start = cuts[-1]
@@ -379,9 +369,7 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
 
 
 def caption_direction(caption: str) -> Direction | None:
-    """Return the direction that a caption states, such as "TX", "RX(Server->Client) #1", "SendData", "受信".
-    The last sentence of a paragraph takes precedence.
-    """
+    """Return the direction that words such as "TX" or "受信" state. The last sentence takes precedence."""
     last = _SENTENCE_END.split(caption[-LONGEST_PARAGRAPH:])[-1]
     return _direction_in(last) or _direction_in(caption[-LONGEST_PARAGRAPH:])
 

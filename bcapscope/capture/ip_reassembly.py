@@ -34,9 +34,7 @@ class _PartialPacket:
         return self._held_bytes + _PART_COST * (len(self._payloads) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
-        """Add a fragment. If fragments contradict each other, the packet becomes invalid (RFC 5722, RFC 8200
-        4.5).
-        """
+        """Add a fragment. A contradiction makes the packet invalid (RFC 5722, RFC 8200 4.5)."""
         if self._is_contradictory:
             return
         stop = offset + len(payload)
@@ -77,9 +75,7 @@ class IpReassembly:
         self._cost = 0
 
     def add(self, packet: IPPacket, time: int) -> tuple[IPPacket, int] | None:
-        """Return the packet that a fragment completes, and the capture time of the first fragment in ns; None
-        while fragments are missing. A whole packet is returned unchanged.
-        """
+        """Return the packet that a fragment completes and the time of its first fragment (ns), or None."""
         fragment = packet.fragment
         if fragment is None:
             return packet, time

@@ -28,9 +28,7 @@ _PPP_FRAMING = b"\xff\x03"
 _PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
-"""Values of AF_INET (2) and AF_INET6 in LINKTYPE_NULL: 10 on Linux, 24 on NetBSD and OpenBSD, 28 on FreeBSD,
-30 on macOS.
-"""
+"""AF_INET (2), and AF_INET6 on Linux (10), NetBSD and OpenBSD (24), FreeBSD (28) and macOS (30)."""
 
 _HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
 _EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 135, 139, 140})
@@ -42,11 +40,7 @@ _IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
 
 
 class Fragment(NamedTuple):
-    """The position of an IP fragment in its packet. `offset` is in bytes.
-
-    Attributes:
-        key: Header bytes that all fragments share: addresses, identification and, in IPv4, protocol.
-    """
+    """Position of an IP fragment in bytes. `key` is addresses, identification and, in IPv4, protocol."""
 
     key: bytes
     offset: int
@@ -54,11 +48,10 @@ class Fragment(NamedTuple):
 
 
 class IPPacket(NamedTuple):
-    """Payload and header fields of an IP packet.
+    """Payload and header fields of an IP packet. `addresses` is source and destination, 4 or 16 bytes each.
 
     Attributes:
         protocol: Number of the transport protocol, 17 for UDP, 6 for TCP.
-        addresses: Source and destination address, 4 or 16 bytes each.
         payload: Captured payload of the IP packet, without padding of the link.
         missing: Number of bytes at the end of the payload that the capture lacks.
         fragment: None for a whole packet.

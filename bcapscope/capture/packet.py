@@ -16,16 +16,13 @@ class Interface(NamedTuple):
 
 Packet: TypeAlias = tuple[int, bytes, int, Interface, tuple[str, ...]]
 """Time in ns since 1970; captured bytes; size on the wire in bytes; interface; comments. A plain tuple,
-because captures hold millions of packets and creating a named tuple takes longer than reading a packet.
+because creating a named tuple takes longer than reading a packet.
 """
 
 
 class PacketOrigin(NamedTuple):
-    """The capture that holds a packet, and the packet's number there, from 1.
-
-    Attributes:
-        path: Path of the capture, as it was given.
-        name: The name that users see: the file name, or `path` if another capture has the same file name.
+    """The capture that holds a packet, and the packet's number there, from 1. `name` is the file name, or
+    `path` if another capture has the same file name.
     """
 
     path: str

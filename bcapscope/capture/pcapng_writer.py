@@ -113,13 +113,9 @@ class PcapngWriter:
 
 
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: ByteSink) -> int:
-    """Copy packets to a new capture with the user's notes as comments; return the number of packets.
+    """Copy packets with the user's notes as comments; return the number of packets. May raise OSError.
 
     The key of `notes` is the packet number, from 1. An empty note only marks the packet.
-
-    Raises:
-        CaptureError: Reading `packets` failed.
-        OSError: The file cannot be written.
     """
     writer = PcapngWriter(file)
     number = 0

@@ -1,7 +1,4 @@
-"""Detect which end of a conversation is the controller.
-
-No field of a frame names the controller, but ports and content usually show it.
-"""
+"""Detect the controller of a conversation. No field names it, but ports and content usually show it."""
 
 from __future__ import annotations
 
@@ -36,9 +33,7 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
 
 
 HELD_ITEMS_LIMIT = 64
-"""Number of held items after which bcapscope guesses the controller. In real traffic, the first request or
-the first reply with S_OK identifies the controller.
-"""
+"""Number of held items after which the controller is guessed. In real traffic, one request is enough."""
 
 HELD_BYTES_LIMIT = 16 * 1024
 """Number of held bytes after which bcapscope guesses the controller. Frames of real sessions have less than

@@ -88,13 +88,10 @@ class RotatingRecording:
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file; without `limits`, it is the only file.
+        """Create the first file, or raise OSError. Without `limits`, it is the only file.
 
         `path` must not exist yet, or must be a named pipe that another program reads. The names of a ring's
         files contain the number of the file, and the date and time at which the file began.
-
-        Raises:
-            OSError: The file cannot be written.
         """
         self._path = path
         self._limits = limits

@@ -30,9 +30,7 @@ _MAX_SEGMENT_BYTES = 60_000
 """Maximum number of bytes in a recorded TCP segment. Longer data becomes several packets."""
 
 _SEQUENCE_NS = 4000
-"""Time in ns in which the initial sequence number increases by one. If a client uses its port again, the new
-connection starts with a higher number (RFC 9293, 3.4.1).
-"""
+"""Time in ns in which the initial sequence number grows by one, as in RFC 9293, 3.4.1."""
 
 _MAX_HEADERS = 4096
 """Maximum number of cached datagram headers, and of cached pairs of addresses."""

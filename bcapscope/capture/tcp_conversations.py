@@ -29,10 +29,8 @@ _HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 
 
 class _TrackedConnection:
-    """A TCP connection, its two ends and its conversation.
-
-    The first of the `keys` belongs to sender 0. There is only one key if both ends have the same address and
-    port, as in a forged packet.
+    """A TCP connection and its conversation. The first of the `keys` belongs to sender 0; it is the only one
+    if both ends are the same, as in a forged packet.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:

@@ -23,14 +23,10 @@ REORDER_LIMIT = 1024 * 1024
 """
 
 ACK_LIMIT = 1 << 30
-"""An acknowledgement further ahead of the delivered data, in bytes, is ignored. This is the size of the
-largest TCP window (RFC 7323, 2.3).
-"""
+"""An acknowledgement further ahead, in bytes, is ignored: no TCP window is larger (RFC 7323, 2.3)."""
 
 MARKS_LIMIT = 128
-"""Maximum number of segments of an incomplete frame whose arrival times are kept separately. All streams
-together keep at most 25 MB of arrival times.
-"""
+"""Maximum number of separate arrival times per incomplete frame; 25 MB for all streams together."""
 
 _SEGMENT_COST = 128  # memory in bytes that a held segment needs in addition to its content
 _RECENT = 16  # number of latest segments of a stream with which a retransmission is compared
@@ -310,12 +306,7 @@ class TcpStream:
 
 
 class TcpConnection:
-    """Both directions of a TCP connection.
-
-    Attributes:
-        streams: The streams of sender 0 and sender 1.
-        server: Index of the end that accepted the connection; None if the handshake was not captured.
-    """
+    """Both directions of a TCP connection. `server` is the end that accepted it; None if it is unknown."""
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))

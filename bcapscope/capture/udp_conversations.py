@@ -28,11 +28,8 @@ UNDECIDED_LIMIT = 1024
 
 
 class UdpConversations:
-    """All UDP conversations of a capture.
-
-    Attributes:
-        flows: Flow of each conversation whose controller is known. The key is source address, destination
-            address, source port and destination port, as in a packet.
+    """All UDP conversations of a capture. The keys of `flows` are source address, destination address, source
+    port and destination port, as in a packet.
     """
 
     def __init__(

@@ -50,9 +50,8 @@ _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _LONGEST_MESSAGE = 2000  # maximum number of characters of an error message, which can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
-"""Thresholds of Python's garbage collector, so high that the collector runs rarely. Frames and calls form no
-reference cycles, so Python frees their memory without the garbage collector. With lower thresholds, garbage
-collection took 5 % of the run time.
+"""Thresholds at which the garbage collector runs rarely: frames and calls form no reference cycles. With
+lower thresholds, garbage collection took 5 % of the run time.
 """
 
 

@@ -50,9 +50,7 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 
 class _ScriptFile(click.File):
-    """Argument type for a text file or standard input. If standard input is closed, the user gets a usage
-    error.
-    """
+    """A text file or standard input, which may be closed."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
@@ -151,10 +149,7 @@ class _CallRunner:
     _log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        """Make the calls one after another, and stop at the first failure.
-
-        With --arm, the action log records the calls that need arming.
-        """
+        """Make the calls, and stop at the first failure. With --arm, the action log records armed calls."""
         with ExitStack() as stack:
             if self.armed:
                 connection = LoggedConnection.of_target(self.target)
@@ -218,11 +213,7 @@ class _CallRunner:
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. `values` are the arguments of the call without the handle.
-
-    If `opens_object` is True, the method `arguments` puts the handle of an object before `values`. If the
-    client has no such handle yet, the method `arguments` opens an object.
-    """
+    """A call to make. `values` are its arguments, without the handle if `opens_object` is True."""
 
     function: Function
     values: tuple[Variant, ...]
@@ -238,16 +229,12 @@ class PlannedCall:
 
 class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
-        """Parse calls to `target`. `variable_name` is the name of the variable that the calls use."""
+        """`variable_name` is the name of the variable that the calls use."""
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
     def parse(self, words: Sequence[str]) -> PlannedCall:
-        """Parse one call.
-
-        Raises:
-            click.UsageError: the function is unknown, or the arguments do not match it.
-        """
+        """Parse one call. Raises click.UsageError for an unknown function or wrong arguments."""
         name, *texts = words
         function = function_by_name(name)
         if function is None:
@@ -272,11 +259,8 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Parse one call per line. Each line follows the quoting rules of a POSIX shell. The parser skips
-        empty lines and # comments.
-
-        Raises:
-            click.UsageError: a line is invalid, too long, or not UTF-8.
+        """Parse one call per line by the quoting rules of a POSIX shell, or raise click.UsageError. Empty
+        lines and # comments are skipped.
         """
         requests = []
         number = 1
@@ -297,12 +281,7 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check that each call that needs an object has one: the user named the object with an option, or an
-    earlier call opens it.
-
-    Raises:
-        click.UsageError: a call needs an object that is neither named nor opened.
-    """
+    """Raise click.UsageError if a call needs an object that is neither named nor opened earlier."""
     always = {*_NAMELESS_OWNERS, *named}
     known = set(always)
     for request in requests:
@@ -320,9 +299,7 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed a handle as the first argument. If the user typed no handle, `call` adds
-    the handle.
-    """
+    """Return whether the user typed a handle as the first argument."""
     if len(texts) < len(params):
         return False
     try:
@@ -346,7 +323,6 @@ def _names_of(params: Sequence[Param]) -> str:
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
-    """Return the types that a variable of one of the `owners` can have; () if the variable is unknown."""
     known = (find_variable(owner, variable_name) for owner in owners)
     return next((kind.types for kind in known if kind), ())
 

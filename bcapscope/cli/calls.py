@@ -157,7 +157,7 @@ class _ShownCalls(PipelineSubscriber):
             self._items.append((stray, None))
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the selected calls. If there is no filter, also yield stray replies, between the calls."""
+        """Yield the selected calls and, without a filter, stray replies."""
         return self._reader.read_items(self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
@@ -174,9 +174,7 @@ class _ShownCalls(PipelineSubscriber):
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print how many replies were stray, and how many packets were captured twice. List the sessions
-        whose `is_clean` is False.
-        """
+        """Print numbers of stray replies and packets captured twice, and the unclean sessions."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=FramePlace((self._first_stray,))))

@@ -144,11 +144,7 @@ class _TrajectoryFile:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The output files of all slave-mode sessions.
-
-    If there is only one file, its name gets no number. The number of sessions is known only at the end, so
-    the files get their final names then.
-    """
+    """The files of all sessions, which get their names at the end: a single file gets no number."""
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()

@@ -28,9 +28,7 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches each line break before an indented line of an error message. Indented lines quote a rule and mark
-the error in this rule.
-"""
+"""Line breaks before indented lines of an error message, which quote a rule and mark the error."""
 
 _NAME = click.argument("name")
 _NUMBER = click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))

@@ -248,9 +248,8 @@ class _PreflightCheck:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check each series of set points. If a series of set points fails the pre-flight check, print the
-        results of every failed series and exit. If all series of set points pass, `shown` says whether to
-        print the results. With --quiet, never print the results of series that pass.
+        """Check each series of set points. Print the failed series and exit. If all pass, print them if
+        `shown` is True, unless --quiet.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

@@ -1,6 +1,4 @@
-"""``bcapscope report``: write one HTML page about captures, which you can read in a browser or send by
-mail.
-"""
+"""``bcapscope report``: write one HTML page about captures."""
 
 from __future__ import annotations
 

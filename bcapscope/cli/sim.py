@@ -39,7 +39,6 @@ _SESSION_TEXTS = {
 
 
 def _choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Return an included scenario by name, or the scenario of a YAML file."""
     if named is None:
         return None
     try:
@@ -54,14 +53,12 @@ def _choose_scenario(context: click.Context, param: click.Parameter, named: str 
 
 
 def _scenario_lines() -> Iterator[str]:
-    """Return a table of the included scenarios, with the rule that each scenario demonstrates."""
     scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
     rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
     return align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<")
 
 
 def _behaviour_lines() -> Iterator[str]:
-    """Return a table of the simulated behaviours, with their sources."""
     head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
     rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
     return align_columns([head, *rows], "<<<<")

@@ -19,7 +19,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.capture_point import CapturePoint
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
-"""File suffixes. An argument that ends in one of these suffixes is a file, not a host name."""
+"""An argument with one of these suffixes is a file, not a host name."""
 
 
 @click.command()
@@ -146,9 +146,7 @@ def _check_source_options(
 
 
 def _choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and its processes. --lang takes precedence over the language in the
-    settings.
-    """
+    """Set the language of the screen and its processes: --lang, or the language in the settings."""
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 

@@ -19,9 +19,8 @@ def is_out_of_descriptors(error: OSError) -> bool:
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Return whether a file descriptor is readable within `seconds`. Opens no file descriptor.
-
-    On systems with `poll`, the descriptor may be larger than the limit of `select`.
+    """Wait until a descriptor is readable, without opening one. `poll` allows descriptors beyond the limit of
+    `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -33,12 +32,9 @@ def wait_readable(descriptor: int, seconds: float) -> bool:
 def accept_connection(
     listener: socket.socket, free_descriptor: Callable[[], bool]
 ) -> tuple[socket.socket, Any] | None:
-    """Accept a connection and return its socket and address; None if no connection is pending.
+    """Accept a connection; None if no connection is pending. Raises OSError if none can be accepted now.
 
     If no file descriptor is free, `free_descriptor` closes one, or returns False if it cannot.
-
-    Raises:
-        OSError: No connection can be accepted now.
     """
     while True:
         try:

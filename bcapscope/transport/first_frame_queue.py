@@ -61,10 +61,8 @@ class FirstFrameQueue(Generic[Key]):
         return dropped
 
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
-        """Add bytes that arrived from a connection at the time `now`, ns.
-
-        When the first frame is complete, or the bytes cannot begin a frame, remove the connection from the
-        queue and return all its bytes. Until then, return None.
+        """Add bytes that arrived at the time `now`, ns. When the first frame is complete, or the bytes cannot
+        begin a frame, remove the connection and return all its bytes. Until then, return None.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now

@@ -21,11 +21,7 @@ CONNECT_TIMEOUT = 5.0
 
 
 class SocketLink(asyncio.BaseProtocol):
-    """A link over a connected socket. The receiver gets events until `close` is called.
-
-    Attributes:
-        end_reason: Id of the message that `on_link_lost` receives if the link ends without an error.
-    """
+    """A link over a connected socket. `end_reason` is the message id for an end without an error."""
 
     end_reason = "connection.socket-closed"
 
@@ -78,11 +74,7 @@ class TcpLink(SocketLink, asyncio.Protocol):
 
 
 async def open_tcp(host: str, port: int, receiver: LinkReceiver) -> TcpLink:
-    """Connect to `host` within `CONNECT_TIMEOUT`.
-
-    Raises:
-        OSError: The host is unknown or unreachable, or nothing listens on the port.
-    """
+    """Connect to `host` within `CONNECT_TIMEOUT`, or raise OSError."""
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(CONNECT_TIMEOUT):
         _, link = await loop.create_connection(lambda: TcpLink(receiver), host, port)
@@ -105,9 +97,7 @@ def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
 
 
 class UdpLink(SocketLink, asyncio.DatagramProtocol):
-    """A connected UDP socket. The system drops datagrams of others, and reports an error if the port is
-    closed.
-    """
+    """A connected UDP socket: the system drops datagrams of others, and reports a closed port."""
 
     datagrams = True
 
@@ -125,7 +115,7 @@ class UdpLink(SocketLink, asyncio.DatagramProtocol):
 
 
 async def open_udp(host: str, port: int, receiver: LinkReceiver) -> UdpLink:
-    """Open a socket connected to `host`. Raises OSError if the host is unknown or unreachable."""
+    """Open a socket connected to `host`, or raise OSError if the host is unknown or unreachable."""
     loop = asyncio.get_running_loop()
     family, *_ = preferred_address(await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
     _, link = await loop.create_datagram_endpoint(

@@ -52,12 +52,9 @@ def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
 
 
 def prompt_line(question: str) -> str:
-    """Write a question to stderr, and return the line that the user types, without blanks at its ends.
+    """Write a question to stderr, and return the typed line. Raise click.Abort if standard input ended.
 
     `click.prompt` calls Python's `input`, which loses a Ctrl-C while it prints the question.
-
-    Raises:
-        click.Abort: Standard input ended.
     """
     sys.stderr.write(f"{question}: ")
     sys.stderr.flush()

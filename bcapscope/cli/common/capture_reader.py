@@ -75,10 +75,8 @@ class CaptureReader(CaptureInput):
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `side` and `taken_at` are as in `CaptureInput`. `comment_words` formats the comments on pasted frames.
-
-        Raises:
-            click.UsageError: there is no input, or more than one kind, or standard input is closed.
+        `comment_words` formats the comments on pasted frames. Raises click.UsageError unless one input is
+        given.
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("give captures or '-' (standard input), or give an interface with -i")
@@ -132,9 +130,7 @@ class CaptureReader(CaptureInput):
     def record_test(
         self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records. `print_summary` reports if no record matches. `number_of`
-        returns the number of a record, counted from 1.
-        """
+        """Return a function that tests records, numbered from 1. `print_summary` reports if none matches."""
         self._filter = wanted
         test = wanted.bind(getters, lambda: self.first_time)
 
@@ -147,9 +143,7 @@ class CaptureReader(CaptureInput):
         return counted
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter of messages, which names capture and packet after each frame number if there
-        are several captures.
-        """
+        """Return the formatter of messages. With several captures, it names a frame's capture and packet."""
         return self._words if len(self.captures.paths) < 2 else self._words.for_captures(self._find_frame)
 
     def _find_frame(self, frame: int) -> tuple[str, int] | None:

@@ -80,9 +80,8 @@ def added(decorators: Sequence[Decorator]) -> Decorator:
 def bundled(
     parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
-    """Return a decorator that adds options to a command. The command gets the result of `make`, called with
-    the options' values, as its argument `parameter`. `names` are the names of the options; by default, the
-    parameters of `make`.
+    """Return a decorator that adds options to a command. The command gets `make(**options)` as its argument
+    `parameter`. The options' `names` are by default the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -98,9 +97,7 @@ def bundled(
 
 
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses an option, or each value of a repeatable option. `read` raises
-    ValueError for an invalid value.
-    """
+    """Return a click callback that parses each value of an option. `read` raises ValueError."""
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         try:

@@ -31,12 +31,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the rule options. For an option with the value None, the proxy uses its default.
-
-    Attributes:
-        faults: Faults from the command line, followed by the faults from files (`--rules`).
-        control: Address of the control socket; None if there is none.
-        command_line: The rule options without --control, for another process with the same rules.
+    """The values of the rule options; None for the proxy's default. `faults` begins with those of the command
+    line. `command_line` repeats the options, without --control, for another process.
     """
 
     seed: int
@@ -83,12 +79,7 @@ class RuleOptions:
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
         """Report messages of rules and scripts through `relay.notify`. With --control, return the control
-        server.
-
-        Its clients can also read the values in `state`.
-
-        Raises:
-            ControlError: the control socket cannot be created.
+        server, whose clients can also read `state`, or raise ControlError.
         """
         from bcapscope.proxy.control_api import ControlApi
         from bcapscope.proxy.control_messages import RelayDelays

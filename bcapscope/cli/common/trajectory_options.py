@@ -22,9 +22,7 @@ from bcapscope.render.preflight_text import trajectory_line
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """The trajectory to play and its speed. Intervals are in ms. If `rounds` is 0, `play` repeats it until
-    stopped.
-    """
+    """The trajectory to play. Intervals are in ms. If `rounds` is 0, `play` repeats it until stopped."""
 
     file: Path
     index: int | None

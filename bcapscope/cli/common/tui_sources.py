@@ -69,9 +69,7 @@ def show_tester(
 def show_proxy(
     address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    """Show the running proxy with this control socket. If the address is "", start a new proxy and show its
-    traffic.
-    """
+    """Show the running proxy with this control socket; "" starts a new proxy."""
     if not address:
         _show_own_proxy(listen, to, record, rules)
     elif listen or to or record or rules.command_line or rules.control:
