@@ -226,7 +226,8 @@ def _escape_value(digits: str, octal: str, named: str, plain: str) -> int:
 
 
 def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[LinePiece]:
-    outside = "".join(line[a:b] for a, b in _outside_runs(runs, start, len(line)))
+    stops, starts = [start, *(run.stop for run in runs)], [*(run.start for run in runs), len(line)]
+    outside = "".join(line[stop:next_start] for stop, next_start in zip(stops, starts, strict=True))
     alone = not _WORDS.search(outside) and not any(map(str.isdigit, outside))
     indent = len(line) - len(line.lstrip())
     pos = start
@@ -241,13 +242,6 @@ def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[Li
         yield HexDigits(run.digits, offset, indent, alone, marked, starts_line, ends_line)
         pos = run.stop
     yield from _prose(line[pos:])
-
-
-def _outside_runs(runs: list[_Run], start: int, stop: int) -> Iterator[tuple[int, int]]:
-    for run in runs:
-        yield start, run.start
-        start = run.stop
-    yield start, stop
 
 
 def _prose(text: str) -> Iterator[ProseText]:

@@ -42,12 +42,23 @@ _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
+class PacketComments(dict[int, tuple[str, ...]]):
+    """Comments of the latest packets that have comments; the key is the packet number."""
+
+    _size = 0
+
+    def add(self, packet: int, comments: tuple[str, ...]) -> None:
+        self[packet] = comments
+        self._size += sum(map(getsizeof, comments))
+        while len(self) > COMMENTS_LIMIT or (len(self) > 1 and self._size > COMMENTS_BYTES):
+            self._size -= sum(map(getsizeof, self.pop(next(iter(self)))))
+
+
 class PacketDecoder:
     """Turns packets into observations.
 
     Attributes:
         counts: Numbers of packets and observations so far.
-        comments: Comments of the latest packets that have comments; the key is the packet number.
         note_packet: Receives a frame number and the number of the frame's packet. The call may be missing for
             a frame whose packet directly follows the previous frame's packet.
         end_time: Latest capture time of all packets of any protocol, ns since 1970; 0 before the first.
@@ -59,8 +70,7 @@ class PacketDecoder:
         """
         self.counts = CaptureCounts()
         self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
-        self.comments: dict[int, tuple[str, ...]] = {}
-        self._comments_size = 0
+        self.comments = PacketComments()
         self.end_time = 0
         self._conversations: dict[Conversation, None] = {}
         self._interface_prefix = interface_prefix
@@ -94,7 +104,7 @@ class PacketDecoder:
                 packet += 1
                 self.end_time = latest = time if time > latest else latest  # cheaper than max() per packet
                 if comments:
-                    self._keep_comments(packet, comments)
+                    self.comments.add(packet, comments)
                 if source is not interface:
                     interface, ethernet = source, source.linktype == ETHERNET
                     wanted = source.name.startswith(self._interface_prefix)
@@ -132,15 +142,6 @@ class PacketDecoder:
             yield self._make_observation(counts.items, flow, sighting)
         if broken is not None:
             raise broken
-
-    def _keep_comments(self, packet: int, comments: tuple[str, ...]) -> None:
-        self.comments[packet] = comments
-        self._comments_size += sum(map(getsizeof, comments))
-        while len(self.comments) > COMMENTS_LIMIT or (
-            len(self.comments) > 1 and self._comments_size > COMMENTS_BYTES
-        ):
-            oldest = self.comments.pop(next(iter(self.comments)))
-            self._comments_size -= sum(map(getsizeof, oldest))
 
     def _make_observation(self, number: int, flow: Flow, timed_item: TimedItem) -> Observation:
         began, time, packet, item = timed_item

@@ -5,13 +5,13 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from operator import itemgetter
 
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence
 from bcapscope.capture.packet import PacketOrigin
-from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
+from bcapscope.capture.packet_decoder import PacketComments, PacketDecoder
 from bcapscope.capture.place_plan import PlacePlan
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -29,7 +29,6 @@ class PlaceDecoder:
 
     Attributes:
         note_packet: Receives frame and packet numbers, as in `PacketDecoder`.
-        comments: Comments of the latest packets that have comments; the key is the packet number.
     """
 
     def __init__(
@@ -39,7 +38,7 @@ class PlaceDecoder:
         ports: Collection[int],
         open_sequence: Callable[..., CaptureSequence],
     ) -> None:
-        self.comments: dict[int, tuple[str, ...]] = {}
+        self.comments = PacketComments()
         self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
         self._sources: list[_Source] = []
         base = 0
@@ -93,47 +92,35 @@ class PlaceDecoder:
         return source.sequence.origin_of(packet - source.base)
 
     def observations(self) -> Iterator[Observation]:
-        streams = [source.timed_observations(self._keep_comments) for source in self._sources]
+        streams = [source.timed_observations(self.comments) for source in self._sources]
         merged: Iterable[tuple[int, Observation]] = heapq.merge(*streams, key=itemgetter(0))
         note = self.note_packet
         for number, (_, observation) in enumerate(merged, 1):
             note(number, observation.packet)
             yield observation._replace(number=number)
 
-    def _keep_comments(self, packet: int, comments: tuple[str, ...]) -> None:
-        self.comments[packet] = comments
-        if len(self.comments) > COMMENTS_LIMIT:
-            del self.comments[next(iter(self.comments))]
 
-
+@dataclass(slots=True)
 class _Source:
     """The captures that one `PacketDecoder` reads. `base` is the number of packets in all earlier sources."""
 
-    def __init__(
-        self,
-        decoder: PacketDecoder,
-        sequence: CaptureSequence,
-        base: int,
-        sides: dict[ConversationEnds, CaptureSide],
-    ) -> None:
-        self.decoder = decoder
-        self.sequence = sequence
-        self.base = base
-        self._sides = sides
-        self._known: set[Conversation] = set()
+    decoder: PacketDecoder
+    sequence: CaptureSequence
+    base: int
+    sides: dict[ConversationEnds, CaptureSide]
+    _known: set[Conversation] = field(default_factory=set)
 
-    def timed_observations(
-        self, keep_comments: Callable[[int, tuple[str, ...]], object]
-    ) -> Iterator[tuple[int, Observation]]:
+    def timed_observations(self, kept: PacketComments) -> Iterator[tuple[int, Observation]]:
         comments, base = self.decoder.comments, self.base
         for observation in self.decoder.decode(self.sequence):
             conversation = observation.flow.conversation
             if conversation not in self._known:
                 self._known.add(conversation)
-                conversation.capture_side = self._sides.get(ends_of(conversation))
-            if comments and observation.packet in comments:
-                keep_comments(base + observation.packet, comments[observation.packet])
-            yield observation.time, observation._replace(packet=base + observation.packet)
+                conversation.capture_side = self.sides.get(ends_of(conversation))
+            packet = base + observation.packet
+            if comments and observation.packet in comments and packet not in kept:
+                kept.add(packet, comments[observation.packet])
+            yield observation.time, observation._replace(packet=packet)
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:

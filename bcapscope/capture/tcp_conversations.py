@@ -152,8 +152,7 @@ class TcpConversations:
     def _end_connection(
         self, tracked: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        # both keys are equal if a forged packet has the same source and destination
-        for key in set(tracked.keys):
+        for key in tracked.keys:
             del self._connections[key]
         self._counts.contradictions += sum(each.contradictions for each in tracked.connection.streams)
         if tracked.conversation is None:

@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import click
@@ -48,25 +49,25 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
     context.obj = _ControlCommand(address, as_json, words)
 
 
+@dataclass(frozen=True, slots=True)
 class _ControlCommand:
     """Sends requests to a running proxy. With --json, prints the responses."""
 
-    def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
-        self.words = words
-        self._address = address
-        self._as_json = as_json
+    address: str
+    as_json: bool
+    words: MessageFormatter
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
         """Return the response; with --json, print it and return None. Exit if the proxy refuses."""
-        with closing(ControlClient(self._address)) as proxy:
+        with closing(ControlClient(self.address)) as proxy:
             try:
-                if not self._as_json:
+                if not self.as_json:
                     return proxy.request(request, kind)
                 echo(_json_text(proxy.request_raw(request)))
             except ControlError as error:
                 exit_with(printable(self.words.text(error.message)), ExitCode.UNREADABLE)
             except ControlRefused as error:
-                if self._as_json:
+                if self.as_json:
                     echo(_json_text(error.line))
                     sys.exit(ExitCode.REFUSED)
                 lines = _INDENTED.split(self.words.text(error.message))
