@@ -110,7 +110,6 @@ class _BlockReader:
         self._repeat_budget = MAX_REPEATED
 
     def add_line(self, number: int, pieces: list[LinePiece]) -> None:
-        """Add the pieces of the line `number`."""
         if not pieces and self._open is not None:
             self._open.blank_line_follows = True
         for piece in pieces:

@@ -30,7 +30,7 @@ class _PartialPacket:
 
     @property
     def cost(self) -> int:
-        """Approximate memory use in bytes."""
+        """In bytes, approximately."""
         return self._held_bytes + _PART_COST * (len(self._payloads) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
@@ -53,7 +53,6 @@ class _PartialPacket:
             self._mark_contradictory()
 
     def joined_payload(self) -> bytes | None:
-        """Return the payload of the whole packet; None if fragments are missing or overlap."""
         if self._held_bytes != self._size:
             return None
         offsets = sorted(self._payloads)

@@ -79,7 +79,6 @@ class ObservationStoreWriter:
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
-        """Add an observation, the kind of its call, and the comments on its packet."""
         _, time, began, flow, item, packet = observation
         number = self._numbers.get(flow.conversation)
         if number is None:

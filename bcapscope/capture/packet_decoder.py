@@ -88,10 +88,8 @@ class PacketDecoder:
         """Yield an observation for each frame, for each run of bytes that are not a frame, and for each gap.
 
         The observations of a conversation are held back while its controller is unknown. If `decode` is
-        called again, the observation numbers continue.
-
-        Raises:
-            CaptureError: Reading `packets` failed. All observations before the damage were yielded.
+        called again, the observation numbers continue. Raises CaptureError after all observations before the
+        damage.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
@@ -158,7 +156,6 @@ class PacketDecoder:
     def _decode_any(
         self, time: int, data: bytes, original: int, interface: Interface, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Parse all headers of a packet that the fast path does not cover."""
         cut = original > len(data)
         self.counts.cut += cut
         ip = self._find_ip_packet(data, interface.linktype)

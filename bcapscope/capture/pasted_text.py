@@ -99,10 +99,8 @@ def _packet_comments(packet: HexPacket) -> tuple[Message, ...]:
 def text_lines(read: ChunkReader) -> Iterator[str]:
     """Yield the lines of a text without their line ends.
 
-    The text is UTF-16 if it has a byte-order mark of UTF-16, else UTF-8. Other bytes become U+FFFD.
-
-    Raises:
-        CaptureError: A line is longer than `LONGEST_LINE` characters. All earlier lines were yielded.
+    The text is UTF-16 if it has a byte-order mark of UTF-16, else UTF-8. Other bytes become U+FFFD. Raises
+    CaptureError at a line of more than `LONGEST_LINE` characters.
     """
     head = read(CHUNK_SIZE)
     while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):

@@ -47,10 +47,8 @@ class _InterfaceClock(NamedTuple):
 def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
-    A simple packet block has no time, so its packet gets the time of the previous packet.
-
-    Raises:
-        CaptureError: A block is incomplete or contradicts itself. All packets before the damage were yielded.
+    A simple packet block has no time, so its packet gets the time of the previous packet. Raises CaptureError
+    after all packets before a damaged or incomplete block.
     """
     section = _Section()
     position = count = time = 0
@@ -98,8 +96,6 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
 
 
 class _Section:
-    """Parses the blocks of a section in its byte order, and keeps its interfaces."""
-
     def __init__(self) -> None:
         self.clocks: list[_InterfaceClock] = []
         self._set_byte_order("<")

@@ -87,7 +87,6 @@ class PlaceDecoder:
         return None if None in sizes else sum(size or 0 for size in sizes)
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there; None if not known."""
         source = next(each for each in reversed(self._sources) if each.base < packet or not each.base)
         return source.sequence.origin_of(packet - source.base)
 

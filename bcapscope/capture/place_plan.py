@@ -149,8 +149,6 @@ def _is_at_client(shared: SharedConversation) -> bool:
 
 
 class _Measurement:
-    """Reads two files to their ends, and finds the frames that both files hold."""
-
     def __init__(self, files: tuple[PlaceFile, PlaceFile], offset: int, ports: Collection[int]) -> None:
         self.shared: list[tuple[ConversationEnds, ConversationEnds]] = []
         self._files = files
@@ -214,7 +212,6 @@ class _Measurement:
 
 
 def _counted(packets: Iterable[Packet], file: PlaceFile) -> Iterator[Packet]:
-    """Yield packets, and update the counts and times in `file`."""
     for packet in packets:
         file.packets += 1
         file.begins = file.begins or packet[0]

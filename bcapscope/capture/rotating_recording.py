@@ -249,7 +249,6 @@ def is_named_pipe(path: Path) -> bool:
 
 
 def _open_named_pipe(path: Path) -> io.FileIO:
-    """Open a named pipe, or raise OSError, for example because no program reads the pipe."""
     if sys.platform == "win32":
         return io.FileIO(os.open(path, os.O_WRONLY | os.O_BINARY), "wb")
     try:
@@ -261,7 +260,6 @@ def _open_named_pipe(path: Path) -> io.FileIO:
 
 
 def _free_bytes(path: Path) -> int:
-    """Return the free bytes on a file's disk; a large number if they are unknown."""
     try:
         return shutil.disk_usage(path.parent).free
     except OSError:

@@ -58,7 +58,6 @@ class SocketRecording:
         self._writer = PcapngWriter(file)
 
     def write_packet(self, packet: Packet) -> None:
-        """Write a captured packet with the headers that it really had."""
         self._writer.write(packet)
 
     def write_datagram(
@@ -128,7 +127,6 @@ class SocketRecording:
         self._write_tcp(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:
-        """Drop the state of a closed TCP connection."""
         for ends in ((client, server), (server, client)):
             self._sequence.pop(ends, None)
 
@@ -158,7 +156,6 @@ def _datagram_header(source: Address, target: Address, size: int) -> bytes:
 
 
 def _ip_header(source: Address, target: Address, protocol: int, size: int) -> bytes:
-    """Return an IP header; an IPv6 header if one of the hosts has an IPv6 address."""
     addresses, total = _addresses_and_sum(source[0], target[0])
     if len(addresses) > 8:
         return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, addresses)
@@ -171,7 +168,6 @@ def _ip_header(source: Address, target: Address, protocol: int, size: int) -> by
 
 @lru_cache(_MAX_HEADERS)
 def _addresses_and_sum(source: str, target: str) -> tuple[bytes, int]:
-    """Return the address bytes of an IP header, and the sum of their 16-bit words."""
     ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
     wide = any(end.version == 6 for end in ends)
     addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)

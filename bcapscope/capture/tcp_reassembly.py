@@ -171,7 +171,6 @@ class TcpStream:
         return []
 
     def close(self, time: int, packet: int) -> list[TimedItem]:
-        """End the stream and return all held bytes, gaps and unfinished frames as items."""
         if self.closed:
             return []
         found: list[TimedItem] = []
@@ -313,7 +312,6 @@ class TcpConnection:
         self.server: int | None = None
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
-        """Return whether a segment begins a new connection between the same ports."""
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & SYN:
             first = (segment.seq + 1) & 0xFFFFFFFF

@@ -50,8 +50,6 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 
 class _ScriptFile(click.File):
-    """A text file or standard input, which may be closed."""
-
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
             self.fail("standard input is closed; give a file", param, ctx)
@@ -136,8 +134,6 @@ def command(
 
 @dataclass(slots=True)
 class _CallRunner:
-    """Makes all calls of the command line in one session, and prints their replies."""
-
     target: ControllerTarget
     names: Mapping[ObjectClass, str]
     words: MessageFormatter
@@ -229,7 +225,6 @@ class PlannedCall:
 
 class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
-        """`variable_name` is the name of the variable that the calls use."""
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
@@ -299,7 +294,6 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed a handle as the first argument."""
     if len(texts) < len(params):
         return False
     try:

@@ -131,8 +131,6 @@ def _call_lines(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """Collects the selected calls, each with the object to which its handle refers."""
-
     needs_targets = True
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:

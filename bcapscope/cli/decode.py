@@ -37,8 +37,6 @@ T = TypeVar("T")
 
 
 class FrameFormat(StrEnum):
-    """Output formats other than lines."""
-
     TREE = "tree"
     CSV = "csv"
     JSON = "json"

@@ -159,7 +159,6 @@ class _TrajectoryFiles(ExitStack):
         output.add(steps)
 
     def commit(self) -> list[str]:
-        """Rename the files to their final names, and return one sentence about each file."""
         several = len(self._outputs) > 1
         for number, output in self._outputs.items():
             check_output_path(self._name(number if several else None), self._overwrite)

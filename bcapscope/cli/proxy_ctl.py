@@ -51,8 +51,6 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
 
 @dataclass(frozen=True, slots=True)
 class _ControlCommand:
-    """Sends requests to a running proxy. With --json, prints the responses."""
-
     address: str
     as_json: bool
     words: MessageFormatter
@@ -76,7 +74,6 @@ class _ControlCommand:
 
 
 def _json_text(line: bytes) -> str:
-    """Return a JSON response as text, with control characters escaped for the terminal."""
     text = line.decode("utf-8", "replace").strip()
     return text if text.isprintable() else "".join(map(_json_character, text))
 
@@ -206,7 +203,6 @@ def _figure_text(value: object) -> str:
 def _add_change_command(
     name: str, help_: str, argument: options.Decorator, make: Callable[..., control.ControlRequest]
 ) -> None:
-    """Add a subcommand that sends the request `make(ARGUMENT)` and prints nothing."""
 
     @command.command(name, help=help_)
     @argument

@@ -226,8 +226,6 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
 
 
 class _PreflightCheck:
-    """Runs the pre-flight check on the set points of a recording."""
-
     def __init__(
         self,
         script: ReplayScript,
@@ -263,8 +261,6 @@ class _PreflightCheck:
 
 @dataclass(slots=True)
 class _ReplayRunner:
-    """Makes the recorded calls to a controller and prints the results."""
-
     script: ReplayScript
     preflight: _PreflightCheck
     keep_going: bool

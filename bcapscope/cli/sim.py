@@ -228,8 +228,6 @@ def _actions(
 
 
 class _TypedCommands:
-    """Runs the commands that the user types or pipes in while the simulator runs."""
-
     def __init__(
         self, actions: dict[str, Callable[[], None]], print_message: Callable[[str], None], attended: bool
     ) -> None:

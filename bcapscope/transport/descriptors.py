@@ -14,7 +14,7 @@ from typing import Any
 
 
 def is_out_of_descriptors(error: OSError) -> bool:
-    """Return whether the process or the system has no free file descriptor."""
+    """Return whether an error means that the process or the system has no free file descriptor."""
     return error.errno in (errno.EMFILE, errno.ENFILE)
 
 

@@ -38,7 +38,6 @@ def _warn_log_unwritable(path: Path, error: OSError) -> None:
 
 
 def can_prompt() -> bool:
-    """Return whether the user can answer a prompt."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 

@@ -107,7 +107,6 @@ class CaptureReader(CaptureInput):
         self._progress.remove()
 
     def read_to_end(self, *subscribers: PipelineSubscriber) -> None:
-        """Pass the whole traffic to the subscribers, and show the progress."""
         pipeline = self.pipeline(*subscribers)
         add = pipeline.add
         for count, observation in enumerate(self.observations()):
@@ -117,7 +116,6 @@ class CaptureReader(CaptureInput):
         pipeline.finish(self.ended_at)
 
     def read_calls(self, wanted: Filter | None) -> Iterator[Call]:
-        """Yield each call that matches a filter, as soon as the call is complete."""
         from bcapscope.traffic.pipeline import CallCollector
 
         collector = CallCollector(self.call_test(wanted))
@@ -158,7 +156,6 @@ class CaptureReader(CaptureInput):
         self._progress.show(self.captures.position, self.captures.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
-        """Print lines of data, and show the progress of reading after each batch of lines."""
         write_lines(lines, self._lines_at_once, self.show_progress)
 
     def finish(self) -> NoReturn:

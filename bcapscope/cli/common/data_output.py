@@ -47,11 +47,8 @@ def write_lines(
     lines_at_once: int = LINES_AT_ONCE,
     after_batch: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the lines in batches, and call `after_batch` after each batch.
-
-    Raises:
-        BrokenPipeError: the reader closed stdout.
-        OutputError: writing failed for another reason, such as a full disk.
+    """Write the lines in batches, and call `after_batch` after each batch. Raises BrokenPipeError if the
+    reader closed stdout, and OutputError for other reasons, such as a full disk.
     """
     batch: list[str | bytes] = []
     size = 0

@@ -48,7 +48,6 @@ class FigureArguments:
         record: Callable[[T], bytes],
         lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
     ) -> NoReturn:
-        """Print each object as JSON, or as text followed by an empty line. Then exit."""
         words = self.reader.citing_words()
         if self.as_json:
             self.reader.print_lines(map(record, found))

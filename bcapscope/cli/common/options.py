@@ -243,8 +243,6 @@ def output_option(help_: str, allow_dash: bool = False) -> Decorator:
 
 
 class _RecordPath(click.Path):
-    """Path of a new file or a named pipe."""
-
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
 

@@ -154,7 +154,6 @@ def _can_be_resolved(host: str) -> bool:
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
-    """If the connection or a call fails in the block, print the error and exit with its `ExitCode`."""
     name = words.text(target.message)
     try:
         yield

@@ -153,7 +153,6 @@ def _show_proxy_screens(
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Return the figures of a running proxy. If no proxy answers, exit."""
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
 
