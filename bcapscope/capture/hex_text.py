@@ -143,11 +143,7 @@ class _BlockReader:
 
     def _add_dump_row(self, number: int, piece: HexDigits) -> None:
         last = self.last
-        if (
-            last is not None
-            and last.indent == piece.indent
-            and self._fit_to_offset(last, piece.offset, number)
-        ):
+        if last and last.indent == piece.indent and self._fit_to_offset(last, piece.offset, number):
             self._open, self._has_new_caption = last, False
             self._add_row(last, number, piece)
         else:
@@ -202,11 +198,9 @@ class _BlockReader:
 
 def _last_frame_start(block: HexBlock) -> int:
     """Return the offset of the block's last frame; 0 if there is none or it is too long."""
-    start = (
-        _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
-        if _begins_as_frame(block.data)
-        else 0
-    )
+    if not _begins_as_frame(block.data):
+        return 0
+    start = _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
     return start if block.size - start <= LARGEST_LIKELY else 0
 
 
@@ -230,12 +224,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
     """Join blocks that belong to one frame, and drop blocks that do not hold b-CAP."""
     pending: HexBlock | None = None
     for block in blocks:
-        if (
-            pending is not None
-            and not block.is_captioned
-            and not block.starts_at_zero
-            and _continues_frame(pending, block)
-        ):
+        if pending is not None and _continues_frame(pending, block):
             pending.extend(block)
         elif _is_bcap_hex(block):
             if pending is not None:
@@ -248,8 +237,10 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
     """A block of one byte may be a page number, so it must complete the frame."""
     data = block.data
+    if block.is_captioned or block.starts_at_zero or _begins_as_frame(data):
+        return False
     lacking = _missing_bytes(before.data)
-    return not _begins_as_frame(data) and (len(data) == lacking or 2 <= len(data) < lacking)
+    return len(data) == lacking or 2 <= len(data) < lacking
 
 
 def _is_bcap_hex(block: HexBlock) -> bool:

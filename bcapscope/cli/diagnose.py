@@ -60,9 +60,7 @@ def _known_rule(rule_id: str) -> str:
     help="Show only findings of this severity; may be repeated.",
 )
 @click.option(
-    "--fail-on",
-    type=_SEVERITY,
-    help="Exit with 1 if `diagnose` shows a finding of this severity or worse.",
+    "--fail-on", type=_SEVERITY, help="Exit with 1 if `diagnose` shows a finding of this severity or worse."
 )
 @options.display_filter_option("finding")
 @options.filter_option(RecordKind.CALL)

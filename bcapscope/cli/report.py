@@ -35,12 +35,7 @@ _NEEDED = ("jinja2", "plotly")
 @force_option
 @options.language
 def command(
-    *,
-    output: Path,
-    wanted: Filter | None,
-    force: bool,
-    words: MessageFormatter,
-    **source: Any,
+    *, output: Path, wanted: Filter | None, force: bool, words: MessageFormatter, **source: Any
 ) -> None:
     """Write a report about captures: one HTML page that needs no network and no other file.
 

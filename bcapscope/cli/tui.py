@@ -53,10 +53,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 )
 @click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP.")
 @click.option(
-    "--option",
-    metavar="TEXT",
-    default="",
-    help="Connect with this option string, such as Timeout=300.",
+    "--option", metavar="TEXT", default="", help="Connect with this option string, such as Timeout=300."
 )
 @click.option(
     "--profile",

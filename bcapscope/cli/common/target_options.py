@@ -92,10 +92,7 @@ _OPTIONS = (
     ),
     click.option("--machine", default="localhost", help="Send this machine name to the provider."),
     click.option(
-        "--connect-option",
-        metavar="OPTION",
-        default="",
-        help="Send this option with Controller_Connect.",
+        "--connect-option", metavar="OPTION", default="", help="Send this option with Controller_Connect."
     ),
 )
 
