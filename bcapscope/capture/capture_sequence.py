@@ -86,9 +86,6 @@ class CaptureSequence:
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return the capture that holds a packet, and the packet's number there; None if not known."""
-        if len(self.paths) == 1:
-            path = self.paths[0]
-            return PacketOrigin(path, self._names[path], packet)
         found = self._runs.find(packet)
         if found is None:
             return None
