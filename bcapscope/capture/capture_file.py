@@ -55,9 +55,7 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets, those from a pipe as soon as they arrive. Raise CaptureError if the stream is
-        not a capture, or after all packets before damage.
-        """
+        """Yield the packets, those of a pipe without delay. Raise CaptureError after all before damage."""
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 
@@ -133,9 +131,7 @@ def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError
 
 
 def _captures_in(folder: str) -> list[str]:
-    """Return captures sorted by name. Hidden files are skipped, because rsync gives a file a hidden name
-    while it copies.
-    """
+    """Return captures sorted by name, without hidden files: rsync hides a file while it copies the file."""
     try:
         names = sorted(os.listdir(folder))
     except OSError as error:

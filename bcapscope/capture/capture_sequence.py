@@ -191,9 +191,8 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Add an entry. For example, after `add(1001, 1, 1)`, `find(1200)` returns `(1, 200)`.
-
-        An entry with the same `start` as the latest entry replaces the latest entry.
+        """Add an entry, or replace the latest entry if it has the same `start`. For example, after `add(1001,
+        1, 1)`, `find(1200)` returns `(1, 200)`.
         """
         if len(self._starts) > MAX_RUNS:
             return

@@ -36,8 +36,7 @@ _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 @dataclass(frozen=True, slots=True)
 class RotationLimits:
-    """Limits of a recording in a ring of files. Beyond `size` or `seconds`, the next packet begins a new
-    file.
+    """Limits of a recording in a ring of files.
 
     Attributes:
         files: Maximum number of files in the ring.
@@ -51,9 +50,7 @@ class RotationLimits:
 
 
 def parse_rotation(text: str) -> RotationLimits:
-    """Parse a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``, or raise ValueError with the
-    reason.
-    """
+    """Parse a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``, or raise ValueError."""
     found = _ROTATION.fullmatch(text)
     if found is None or int(found[1]) < 2:
         raise ValueError(

@@ -1,7 +1,4 @@
-"""The command line: one module per command, imported when the command is called.
-
-Commands print data to stdout and all other text to stderr. `common.exit_codes` defines the exit codes.
-"""
+"""The command line: one module per command. Data goes to stdout, all other text to stderr."""
 
 from __future__ import annotations
 
