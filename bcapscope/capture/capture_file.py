@@ -55,7 +55,7 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets, those of a pipe without delay. Raise CaptureError after all before damage."""
+        """Yield the packets without delay. Raise CaptureError at damage, after all packets before it."""
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 

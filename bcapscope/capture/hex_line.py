@@ -19,7 +19,7 @@ as "facade" are shorter. The smallest argument of a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
-"""Maximum number of columns of a dump's line. With 64 bytes per row, a dump has 240 columns."""
+"""In a longer line, no character column is searched. With 64 bytes per row, a dump has 240 columns."""
 
 
 # The pieces of a line are msgspec structs for speed: every line of a dump creates several pieces.
@@ -221,8 +221,9 @@ def _escape_value(digits: str, octal: str, named: str, plain: str) -> int:
 
 
 def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[LinePiece]:
-    stops, starts = [start, *(run.stop for run in runs)], [*(run.start for run in runs), len(line)]
-    outside = "".join(line[stop:next_start] for stop, next_start in zip(stops, starts, strict=True))
+    begins = [start, *(run.stop for run in runs)]
+    ends = [*(run.start for run in runs), len(line)]
+    outside = "".join(line[begin:end] for begin, end in zip(begins, ends, strict=True))
     alone = not _WORDS.search(outside) and not any(map(str.isdigit, outside))
     indent = len(line) - len(line.lstrip())
     pos = start

@@ -30,7 +30,7 @@ class _PartialPacket:
 
     @property
     def cost(self) -> int:
-        """In bytes, approximately."""
+        """Approximate memory use in bytes."""
         return self._held_bytes + _PART_COST * (len(self._payloads) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
