@@ -7,8 +7,7 @@ import os
 import stat
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from threading import Event
-from typing import BinaryIO, cast
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 from bcapscope.capture.byte_source import GZIP_MAGIC, ByteSource, ChunkReader, GzipReader
 from bcapscope.capture.packet import Packet
@@ -17,6 +16,9 @@ from bcapscope.capture.pcapng import MAGIC, read_pcapng
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
+
+if TYPE_CHECKING:
+    from threading import Event
 
 POLL_INTERVAL = 0.02
 """Time in s between two checks for new data. Not every system can report that a file has grown."""

@@ -46,7 +46,7 @@ def unarmed_reason(host: str) -> Message:
 
 
 def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
-    """Ask the user to type the controller's address. Raises click.Abort if standard input ended."""
+    """Return whether the user types the controller's address. Raises click.Abort if stdin ended."""
     return prompt_line(words("arm.confirm", host=printable(host))) == host
 
 

@@ -29,8 +29,9 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that has a temporary name until `commit` renames it. Its folder does not change.
 
-    Without `commit`, leaving the `with` block removes the file. The file is open only during a write, so that
-    the limit of open files does not matter.
+    Without `commit`, leaving the `with` block removes the file, even after a signal if the command called
+    `interrupt_on_end_signals`. The file is open only during a write, so the limit of open files does not
+    matter.
     """
 
     def __init__(self, path: Path) -> None:
