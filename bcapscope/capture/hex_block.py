@@ -24,9 +24,7 @@ _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows. After a longer gap, a new block begins."""
 
 _BASES = {7: (16, 10, 8)}
-"""For each length of an offset in digits, its possible bases; otherwise base 16. `od` prints seven digits in
-base 8, 10 or 16.
-"""
+"""Bases of an offset by its number of digits, else 16. `od` prints seven digits in base 8, 10 or 16."""
 
 
 class HexBlock:

@@ -19,8 +19,8 @@ def is_out_of_descriptors(error: OSError) -> bool:
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Wait until a descriptor is readable, without opening one. `poll` allows descriptors beyond the limit of
-    `select`.
+    """Return whether a descriptor is readable within `seconds`, without opening one. `poll` allows
+    descriptors beyond the limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])

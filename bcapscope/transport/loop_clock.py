@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 
 class LoopClock:
+    """Times in ns: `now` and `call_at` use the loop's monotonic clock."""
+
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._epoch = time.time_ns() - self.now()
