@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 from bcapscope.api.data_tables import CALL_COLUMNS, FRAME_COLUMNS, Records, TableRecords
 from bcapscope.capture.capture_file import expand_folders, open_capture
-from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.errors import CaptureError, InputError
 from bcapscope.messages import Message
 from bcapscope.render.escape import printable
@@ -137,7 +137,7 @@ class Capture:
     def _read_calls(self, wanted: Filter | None) -> Iterator[Call]:
         source, problems = self._start()
         collector = CallCollector(_call_test(wanted, source))
-        yield from read_items(source, source.pipeline(collector), collector.calls)
+        yield from source.read_items(source.pipeline(collector), collector.calls)
         problems.raise_first()
 
     def _read_sessions(self, wanted: Filter | None) -> Iterator[SlaveSession]:
@@ -148,7 +148,7 @@ class Capture:
         source, problems = self._start()
         complete: list[SlaveSession] = []
         selected = SelectedSlaveSessions(_call_test(wanted, source), complete.append)
-        yield from read_items(source, source.pipeline(selected), complete)
+        yield from source.read_items(source.pipeline(selected), complete)
         yield from selected.remaining_sessions(source.ended_at)
         problems.raise_first()
 
@@ -158,7 +158,7 @@ class Capture:
 
         source, problems = self._start()
         diagnosis = Diagnosis(_call_test(wanted, source))
-        for _ in read_items(source, source.pipeline(diagnosis), []):
+        for _ in source.read_items(source.pipeline(diagnosis), []):
             pass
         totals = diagnosis.totals(source.ended_at)
         find_frame = source.find_frame if len(source.captures.paths) > 1 else None

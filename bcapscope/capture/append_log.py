@@ -8,26 +8,16 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 _READ_AHEAD = 64 * 1024
-"""Number of bytes per read. A screen shows adjacent records, so one read often covers all of them."""
+"""Bytes per read. A screen shows adjacent records, so one read often covers all of them."""
 
 _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends each record to a file, and the offset of the record's end to an index file.
-
-    Readers see new records only after `flush`.
-
-    Attributes:
-        count: Number of records added so far.
-    """
+    """Appends each record to a file, and the offset of its end to an index file."""
 
     def __init__(self, path: Path) -> None:
-        """Create `path` and an index file beside it.
-
-        Raises:
-            FileExistsError: `path` or its index file already exists.
-        """
+        """Create `path` and an index file beside it. Raises FileExistsError if one of them exists."""
         self._file: BinaryIO = path.open("xb", buffering=0)
         self._index: BinaryIO = _index_path(path).open("xb", buffering=0)
         self._pending = bytearray()
@@ -42,9 +32,7 @@ class AppendLogWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Make all records visible to readers, or raise OSError. Write the records before their index
-        entries.
-        """
+        """Write the pending records before their index entries, so that readers see only whole records."""
         if self._offsets:
             write_all(self._file, self._pending)
             write_all(self._index, self._offsets)
@@ -56,8 +44,6 @@ class AppendLogWriter:
 
 
 class ByteSink(Protocol):
-    """A file that is open for writing, or an object with the same method `write`."""
-
     def write(self, data: bytes | bytearray | memoryview, /) -> int | None: ...
 
 
@@ -98,7 +84,7 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """Reads the records that an `AppendLogWriter` writes. The first record has number 0."""
+    """Reads the records that an `AppendLogWriter` writes. `len()` is their number at the latest `refresh`."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)
@@ -106,7 +92,6 @@ class AppendLogReader:
         self._count = 0
 
     def __len__(self) -> int:
-        """Return the number of records in the log at the latest call of `refresh`."""
         return self._count
 
     def refresh(self) -> int:
@@ -114,11 +99,7 @@ class AppendLogReader:
         return self._count
 
     def read_record(self, number: int) -> bytes:
-        """Return a record by its number.
-
-        Raises:
-            IndexError: The log has no record with this number.
-        """
+        """Return a record by its number, from 0. Raises IndexError if there is no such record."""
         first, count = max(number - 1, 0), 2 if number else 1
         ends = self._index.read(first * _OFFSET.size, count * _OFFSET.size) if number >= 0 else b""
         if len(ends) < count * _OFFSET.size:

@@ -10,9 +10,7 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 
 CHUNK_SIZE = 256 * 1024
-"""Number of bytes to request per read. A pipe with fewer bytes than requested returns its bytes without
-delay.
-"""
+"""Bytes to request per read. A pipe with fewer bytes returns them without delay."""
 
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_WINDOW = 31  # value of zlib's parameter `wbits` for data with a gzip header and the largest window
@@ -23,12 +21,7 @@ ChunkReader: TypeAlias = Callable[[int], bytes]
 
 
 class ByteSource:
-    """The part of a byte stream that a capture reader currently holds in memory.
-
-    Attributes:
-        data: Bytes in memory.
-        offset: Offset of `data` in the capture, in bytes.
-    """
+    """The part of a stream that a reader holds in memory. `offset` is the offset of `data` in the stream."""
 
     def __init__(self, read: ChunkReader) -> None:
         self._read = read
@@ -36,8 +29,7 @@ class ByteSource:
         self.offset = 0
 
     def advance(self, used: int) -> bool:
-        """Drop the first `used` bytes of `data` and append bytes of the stream; return False when the stream
-        has ended."""
+        """Drop the first `used` bytes of `data` and append new bytes; return False at the stream's end."""
         chunk = self._read(CHUNK_SIZE)
         self.data = self.data[used:] + chunk
         self.offset += used
@@ -54,26 +46,18 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    bcapscope does not use Python's gzip reader, because Python's gzip reader waits until its buffer is full.
-    If a file is damaged, Python's gzip reader loses decompressed bytes that precede the damage.
+    Python's own gzip reader waits until its buffer is full, and loses decompressed bytes that precede damage.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
-        """Decompress `head`, then the bytes that `read` returns. `head` holds bytes that the caller has
-        already read from the stream.
-        """
+        """`head` holds the bytes that the caller has already read from the stream."""
         self._read = read
         self._bytes_returned = 0
         self._tail = head
         self._decompressor = zlib.decompressobj(_GZIP_WINDOW)
 
     def __call__(self, size: int) -> bytes:
-        """Return up to `size` decompressed bytes; b"" at the end.
-
-        Raises:
-            CaptureError: The compressed data end early or are damaged. The `GzipReader` first returns all
-                bytes that precede the damage, and then raises this error.
-        """
+        """Return up to `size` bytes; b"" at the end. Raise CaptureError at damage, after the bytes before."""
         while True:
             if self._decompressor.eof and not self._next_member():
                 return b""
@@ -86,10 +70,7 @@ class GzipReader:
                 return data
 
     def _next_member(self) -> bool:
-        """Continue with the next gzip member; return False at the end of the file.
-
-        Zeros may follow the last member of a gzip file as padding (gzip manual, "tapes").
-        """
+        """Return False at the end. Zeros may follow the last member (gzip manual, "tapes")."""
         rest = self._decompressor.unused_data.lstrip(b"\x00")
         while len(rest) < len(GZIP_MAGIC):
             chunk = self._read(CHUNK_SIZE)
@@ -112,9 +93,7 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Decompress `packed` byte by byte, and return the bytes before the damage. Raise CaptureError if
-        `packed` yields no bytes before the damage.
-        """
+        """Decompress byte by byte up to the damage. Raise CaptureError if no byte precedes the damage."""
         data = bytearray()
         position = 0
         try:

@@ -45,23 +45,22 @@ _STATE_FIELDS = (
     "is_at_controller",
     "was_overtaken",
 )
-"""Names of attributes of `Call`. `_Record.state` stores the values of these attributes without conversion."""
+"""Attributes of `Call` that `_Record.state` stores without conversion."""
 
 _state_of = attrgetter(*_STATE_FIELDS)
 
 _ObjectRecord = tuple[ObjectClass, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""A frame that was captured at two places. Fields: the frame's number, the numbers of its sightings at the
-client's side and at the controller's side (0 if there is no sighting), `is_missed`, `is_relayed`, `note`.
+"""A frame captured at two places: its number, the numbers of its sightings at the client's and at the
+controller's side (0 if there is none), `is_missed`, `is_relayed`, `note`.
 """
 
 
 class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
-    For a stray reply, `number` is 0, and `request` is the number of the reply's frame. For a late reply,
-    `reply` is the number of the late reply's call. For any other stray reply, `reply` is 0. For a stray
-    reply, `evicted` says whether the reply may belong to a call that was evicted from memory.
+    For a stray reply, `number` is 0, `request` is the reply's frame, and `reply` is the call that it is late
+    for, or 0. `evicted` then says whether it may belong to a call that was evicted from memory.
     """
 
     number: int
@@ -83,24 +82,16 @@ _decoder = msgspec.msgpack.Decoder(_Record)
 
 
 class StoredCall(NamedTuple):
-    """A call or a stray reply.
-
-    Attributes:
-        settled: The complete call, or the stray reply.
-        subject: The controller object that the request addresses; None if unknown.
-    """
+    """A complete call or a stray reply. `subject` is the object that the request addresses, if known."""
 
     settled: PairingResult
     subject: TrackedObject | None
 
 
 class CallStoreWriter:
-    """Writes each complete call or stray reply as a row. The file `_ROW_BY_FRAME` maps frame numbers to row
-    numbers.
-    """
+    """Writes each complete call or stray reply as a row. The file `_ROW_BY_FRAME` maps frames to rows."""
 
     def __init__(self, folder: Path) -> None:
-        """Create the files in the folder of an observation store."""
         self._calls = AppendLogWriter(folder / _CALLS)
         self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
         # row of each frame that was added since the last flush; the key is the frame number
@@ -111,10 +102,7 @@ class CallStoreWriter:
         return self._calls.count
 
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
-        """Add a call or stray reply as a row.
-
-        Before `flush`, the caller must write the frames of the call or stray reply to the observation store.
-        """
+        """Add a row. Before `flush`, the caller must write its frames to the observation store."""
         if isinstance(settled, StrayReply):
             number = settled.observation.number
             late_for = settled.call_number or 0
@@ -128,7 +116,6 @@ class CallStoreWriter:
         self._new_rows.update((number, self._calls.count) for number in frames if number)
 
     def flush(self) -> None:
-        """Make all added rows visible to readers, or raise OSError."""
         self._calls.flush()
         frames = sorted(self._new_rows)
         for _, run in groupby(enumerate(frames), lambda each: each[1] - each[0]):  # frames without a gap
@@ -169,10 +156,7 @@ def _joined_record(seen: JoinedObservation) -> _JoinedRecord:
 
 
 class CallStore:
-    """Reads the files of a `CallStoreWriter`, even while the writer adds rows."""
-
     def __init__(self, folder: Path, observations: ObservationStore) -> None:
-        """Open the files of a `CallStoreWriter` in a folder, or raise OSError."""
         self._observations = observations
         self._records = AppendLogReader(folder / _CALLS)
         self._row_by_frame = CachedFileReader(folder / _ROW_BY_FRAME)
@@ -185,12 +169,7 @@ class CallStore:
         return self._records.refresh()
 
     def read_call(self, index: int) -> StoredCall:
-        """Read the row with this index; the first row has index 0. The rows are in the order in which the
-        calls became complete.
-
-        Raises:
-            IndexError: No row has this index.
-        """
+        """Read a row by its index, from 0, or raise IndexError. The rows are in the order of completion."""
         record = _decoder.decode(self._records.read_record(index))
         annotated = self._observations.read_frame(record.request)
         request = cast(FrameObservation, annotated.observation)

@@ -13,18 +13,14 @@ class CaptureCounts:
     A packet without observation is counted in `packets`, possibly in `cut`, and at most in one other field.
 
     Attributes:
-        packets: Number of packets read.
         items: Number of observations: frames, bytes that are not a frame, and gaps.
         malformed: Number of observations of bytes that are not a frame.
-        gaps: Number of gaps in TCP streams.
         missing: Number of bytes missing in the gaps of TCP streams.
         not_ip: Number of packets of protocols other than IP, such as ARP.
-        broken: Number of packets that cannot be decoded because their headers are damaged or cut off.
-        not_bcap: Number of IP packets that carry something other than b-CAP. This number does not include
-            empty TCP segments.
+        broken: Number of packets whose headers are damaged or cut off.
+        not_bcap: Number of IP packets without b-CAP, except empty TCP segments.
         cut: Number of packets that lack their end in the capture.
-        fragments_lost: Number of fragmented IP packets dropped because fragments were missing or
-            contradictory.
+        fragments_lost: Number of IP packets dropped because fragments were missing or contradictory.
         contradictions: Number of TCP retransmissions whose content differs from the first transmission.
         unknown_links: For each unknown link type, the number of packets.
     """

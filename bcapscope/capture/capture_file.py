@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from threading import Event
 
 POLL_INTERVAL = 0.02
-"""Time in s between two checks for new data. Users do not notice a delay of 20 ms. Polling is necessary,
-because not every operating system can report that a file has grown.
-"""
+"""Time in s between two checks for new data. Not every system can report that a file has grown."""
 
 
 _READERS = {**dict.fromkeys(MAGICS, read_pcap), MAGIC: read_pcapng}
@@ -39,15 +37,11 @@ _OTHER_FORMATS = {
 
 
 class CaptureFile:
-    """A capture that is read once, from beginning to end. The context manager closes the file.
-
-    Attributes:
-        size: Size of the file on disk in bytes; None for a stream without a size, such as a pipe.
-        position: Number of bytes of the file read so far.
+    """A capture that is read once. `position` is the number of bytes read so far. `size` is the file's size
+    on disk in bytes; None for a stream without a size, such as a pipe.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
-        """Read from a binary stream. Packets from a pipe are yielded as soon as they arrive."""
         self._stream = stream
         self._read: ChunkReader = getattr(stream, "read1", stream.read)
         self.size = _file_size(stream)
@@ -63,12 +57,7 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets.
-
-        Raises:
-            CaptureError: The stream is not a capture, or is damaged or incomplete. Before this error, the
-                iterator yields all packets that precede the damage.
-        """
+        """Yield the packets without delay. Raise CaptureError at damage, after all packets before it."""
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 
@@ -84,7 +73,7 @@ class CaptureFile:
 
 
 class _GrowingFile(io.RawIOBase):
-    """A file whose `read` waits for more bytes at the end of the file, until the capture has ended."""
+    """A file whose `read` waits for more bytes, and returns b"" only when the capture has ended."""
 
     def __init__(self, file: io.FileIO, ended: Event, on_idle: Callable[[], None]) -> None:
         self._file = file
@@ -92,7 +81,6 @@ class _GrowingFile(io.RawIOBase):
         self._on_idle = on_idle
 
     def read(self, size: int = -1) -> bytes:
-        """Return up to `size` bytes; b"" only when the capture has ended."""
         while True:
             # If this check came after the read, bytes written between read and check would be lost.
             over = self._ended.is_set()
@@ -108,22 +96,14 @@ class _GrowingFile(io.RawIOBase):
 
 
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
-    """Open a capture file, which may be compressed with gzip. The content of the file shows its format.
-
-    Raises:
-        CaptureError: The file cannot be opened.
-    """
+    """Open a capture, plain or compressed with gzip, or raise CaptureError. Its content shows the format."""
     return CaptureFile(_open_file(path))
 
 
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
-    """Open a capture that another program is still writing.
+    """Open a capture that another program is still writing, or raise CaptureError.
 
-    At the end of the file, the reader waits for new data until the caller sets `ended`. The reader calls
-    `on_idle` whenever it waits.
-
-    Raises:
-        CaptureError: The file cannot be opened.
+    At its end, the reader calls `on_idle` and waits for new data until the caller sets `ended`.
     """
     return CaptureFile(cast(BinaryIO, _GrowingFile(_open_file(path), ended, on_idle)))
 
@@ -136,10 +116,8 @@ def _open_file(path: str | os.PathLike[str]) -> io.FileIO:
 
 
 def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError], None]) -> Iterator[str]:
-    """Yield the paths, with each folder replaced by the paths of the captures in it.
-
-    A capture that is given both by its own path and by its folder is yielded once. `on_problem` receives each
-    folder that has no capture or cannot be read.
+    """Yield the paths, each folder replaced by the captures in it that `paths` does not name. `on_problem`
+    receives each folder that has no capture or cannot be read.
     """
     named = {os.path.realpath(path) for path in paths}
     for path in paths:
@@ -155,13 +133,7 @@ def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError
 
 
 def _captures_in(folder: str) -> list[str]:
-    """Return the paths of the captures in a folder, without subfolders and hidden files, sorted by name.
-
-    Programs such as rsync give a file a hidden name while they copy it.
-
-    Raises:
-        CaptureError: The folder cannot be read, or has no capture.
-    """
+    """Return captures sorted by name, without hidden files: rsync hides a file while it copies the file."""
     try:
         names = sorted(os.listdir(folder))
     except OSError as error:
@@ -174,10 +146,7 @@ def _captures_in(folder: str) -> list[str]:
 
 
 def _is_capture(path: str) -> bool:
-    """Return whether a file begins like a readable capture. The file may be compressed with gzip.
-
-    If a file cannot be opened, return True, so that a later attempt to open the file reports the error.
-    """
+    """Return True also if a file cannot be opened, so that a later attempt to open it reports the error."""
     try:
         with Path(path).open("rb", buffering=0) as stream:
             head = _open_source(stream.read).data[:4]
@@ -189,7 +158,7 @@ def _is_capture(path: str) -> bool:
 
 
 def _open_source(read: ChunkReader) -> ByteSource:
-    """Read the first four bytes or more, after decompression if the stream is compressed."""
+    """Read the first four bytes or more, after decompression."""
     source = ByteSource(read)
     if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
         source = ByteSource(GzipReader(read, source.data))

@@ -1,16 +1,14 @@
-"""Read several captures, and folders of captures, as one input. A conversation may be captured at two
-places.
-"""
+"""Read several captures, and folders of captures, as one input."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from bcapscope.capture.capture_file import CaptureFile, expand_folders, open_capture
-from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, capture_names
-from bcapscope.capture.packet import Packet
+from bcapscope.capture.capture_sequence import CaptureSequence, RunTable, capture_names
+from bcapscope.capture.packet import Packet, PacketOrigin
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.errors import CaptureError
@@ -32,16 +30,11 @@ class CaptureInput:
     """Several captures that are read as one input. A `CaptureInput` can be read only once.
 
     Attributes:
-        on_first_time: Function that is called with the time of the first observation, before that observation
-            is yielded.
+        on_first_time: Called with the time of the first observation, before this observation is yielded.
         first_time: Time of the first observation, ns since 1970; 0 until the first observation was read.
-        frame_origins: Finds the capture and the packet of a frame, if there are several captures or
-            `remember_origins` was called.
         plans: Pairs of captures that hold the same conversations.
-        decoder: Decoder that turns the packets into observations, and holds the counts, the comments and the
-            conversations so far.
-        captures: The captures, with their paths, their total size, and the position that reading has reached.
-            Each folder is replaced by the captures in it.
+        decoder: Holds the counts, the comments and the conversations so far.
+        captures: The captures in the order of reading. Each folder is replaced by the captures in it.
     """
 
     def __init__(
@@ -50,8 +43,6 @@ class CaptureInput:
         ports: Collection[int],
         on_problem: Callable[[str, CaptureError], None],
         *,
-        open_file: Callable[[str], CaptureFile] = open_capture,
-        packets_of: Callable[[CaptureSequence], Iterable[Packet]] = iter,
         side: CapturePlace | None = None,
         taken_at: CapturePoint | None = None,
     ) -> None:
@@ -60,10 +51,8 @@ class CaptureInput:
         Args:
             paths: Paths of captures and of folders with captures.
             ports: Ports of controllers; if empty, the usual ports.
-            on_problem: Function that receives the path and the error of a capture that cannot be read to its
-                end. Reading continues with the next capture.
-            open_file: Function that opens the capture with a given path.
-            packets_of: Function that returns the packets to decode, usually those of the given captures.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
+                continues with the next capture.
             side: The side to read if a conversation was captured at both sides; None to read both sides.
             taken_at: Where the captures were taken; None to infer the place from the traffic.
         """
@@ -76,12 +65,12 @@ class CaptureInput:
         known_ports = frozenset(ports) or BCAP_PORTS
         expanded = list(expand_folders(paths, on_problem))
         names = capture_names(expanded)
-        open_sequence = partial(CaptureSequence, names=names, open_file=open_file, on_problem=on_problem)
+        open_sequence = partial(CaptureSequence, names=names, open_file=self._open, on_problem=on_problem)
         captures = open_sequence(expanded)
         decoder = PacketDecoder(known_ports)
         self.captures: CaptureSequence | PlaceDecoder = captures
         self.decoder: PacketDecoder | PlaceDecoder = decoder
-        self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(packets_of(captures))
+        self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(self._packets(captures))
         if len(expanded) > 1:
             from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - for several captures
             from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
@@ -91,15 +80,18 @@ class CaptureInput:
                 places = PlaceDecoder(expanded, self.plans, known_ports, open_sequence)
                 self.captures = self.decoder = places
                 self._read = places.observations
-        self.frame_origins = FrameOrigins(self.captures.origin_of)
+        self._packets_of_frames = RunTable()
         if len(expanded) > 1:
             self.remember_origins()
 
-    def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only the frames captured at the side given to `__init__`.
+    def _open(self, path: str) -> CaptureFile:
+        return open_capture(path)
 
-        If a capture cannot be read to its end, no exception is raised; `on_problem` receives the error.
-        """
+    def _packets(self, captures: CaptureSequence) -> Iterable[Packet]:
+        return captures
+
+    def observations(self) -> Iterator[Observation]:
+        """Yield all frames, or only those of the chosen side. Errors go to `on_problem`; none is raised."""
         observations = self._all_observations()
         return observations if self._side is None else self._of_side(observations, self._side)
 
@@ -122,9 +114,7 @@ class CaptureInput:
         yield from joiner.close()
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
-        """Return a pipeline for the input. The pipeline joins conversations that were captured at several
-        places.
-        """
+        """Return a pipeline that joins conversations that were captured at several places."""
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
 
@@ -133,50 +123,36 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent without a request from a client. `own_requests` counts only
-        requests of conversations whose two legs the pipeline joined.
-        """
+        """Number of requests that a proxy sent on its own, in conversations whose two legs were joined."""
         return 0 if self._joiner is None else self._joiner.own_requests
 
     @property
     def ended_at(self) -> int:
-        """Time of the last packet of any protocol, in ns since 1970.
-
-        This property is valid after all observations were read.
-        """
+        """Time of the last packet of any protocol, ns since 1970. Valid after all observations were read."""
         return self.decoder.end_time
 
     def remember_origins(self) -> None:
-        """Make `frame_origins` remember the packet of each frame. Call this method before reading."""
-        self.decoder.note_packet = self.frame_origins.add
+        """Remember the packet of each frame for `origin_of_frame`. Call this method before reading."""
+        self.decoder.note_packet = lambda frame, packet: self._packets_of_frames.add(frame, 0, packet)
+
+    def origin_of_frame(self, frame: int) -> PacketOrigin | None:
+        """Return the packet that completed a frame; None if not known."""
+        found = self._packets_of_frames.find(frame)
+        return None if found is None else self.captures.origin_of(found[1])
 
     def find_frame(self, frame: int) -> tuple[str, int] | None:
-        """Return the name of the capture that holds a frame, and the number of the frame's packet in this
-        capture; None if not known.
-        """
-        origin = self.frame_origins.origin_of(frame)
+        """Return the name of a frame's capture, and the frame's packet number there; None if not known."""
+        origin = self.origin_of_frame(frame)
         return None if origin is None else (origin.name, origin.packet)
 
-
-class ObservationSource(Protocol):
-    """What `read_items` reads."""
-
-    def observations(self) -> Iterator[Observation]: ...
-    @property
-    def ended_at(self) -> int: ...
-
-
-def read_items(source: ObservationSource, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
-    """Read the source to its end, and yield the items that subscribers of the pipeline append to `items`.
-
-    The function empties `items` after it has yielded them.
-    """
-    add = pipeline.add
-    for observation in source.observations():
-        add(observation)
-        if items:
-            yield from items
-            items.clear()
-    pipeline.finish(source.ended_at)
-    yield from items
-    items.clear()
+    def read_items(self, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
+        """Read the input to its end, and yield the items that the pipeline's subscribers add to `items`."""
+        add = pipeline.add
+        for observation in self.observations():
+            add(observation)
+            if items:
+                yield from items
+                items.clear()
+        pipeline.finish(self.ended_at)
+        yield from items
+        items.clear()

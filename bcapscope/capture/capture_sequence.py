@@ -23,25 +23,16 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of entries in a `RunTable`. A `RunTable` of this size takes 40 MB. If a `RunTable` is full,
-bcapscope cannot say which capture holds a later packet or frame.
-"""
+"""Maximum number of entries in a `RunTable` (40 MB). Captures of later packets are unknown."""
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
 _Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
-"""An open capture: time of its next packet, index of the capture, the next packet, and an iterator over the
-later packets.
-"""
+"""Time of the next packet, index of the capture, the next packet, and an iterator over the later packets."""
 
 
 class _Input(NamedTuple):
-    """A capture to read.
-
-    Attributes:
-        began: Time of the first packet, ns since 1970; 0 if it is not known.
-        size: Size of the file in bytes; None for a stream, such as a pipe.
-    """
+    """`began` is the time of the first packet, ns since 1970; 0 if not known. `size` is None for a stream."""
 
     path: str
     began: int
@@ -52,13 +43,11 @@ class CaptureSequence:
     """Several captures that are read as one.
 
     Files are read in the order of their first packets. If files overlap in time, their packets are merged by
-    time. A stream can be read only once, so the time of its first packet is not known in advance. The stream
-    therefore keeps its position in the list of paths.
+    time. A stream keeps its place in the list of paths, because its first packet cannot be read in advance.
 
     Attributes:
         paths: Paths of the captures. `__iter__` puts `paths` in the order of reading.
-        size: Size of all files in bytes. Before `__iter__` is called, `size` is None. If one of the captures
-            is a stream, `size` stays None.
+        size: Size of all files in bytes; None before `__iter__` is called, or if one capture is a stream.
     """
 
     def __init__(
@@ -72,14 +61,12 @@ class CaptureSequence:
         """Prepare to read captures.
 
         Args:
-            names: Mapping from the path of each capture to the name that users see.
-            open_file: Function that opens the capture with a given path.
-            on_problem: Function that receives the path and the error of a capture that cannot be read to its
-                end. Reading continues with the next capture.
-            clocks: Mapping from the path of a capture to the clock of this capture. The times of captures in
-                `clocks` are converted to the clock at the client's side. If `clocks` is not None, the
-                captures are read one after another in the order of `paths`. Packets are not merged by time,
-                because a clock's error can exceed the time between two packets.
+            names: For each path, the name that users see.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
+                continues with the next capture.
+            clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
+                the path. If `clocks` is not None, the captures are read one after another, because a clock's
+                error can exceed the time between two packets.
         """
         self.paths = list(paths)
         self.size: int | None = None
@@ -95,14 +82,10 @@ class CaptureSequence:
 
     @property
     def position(self) -> int:
-        """Number of bytes read so far."""
         return self._bytes_finished + sum(each.position for each in self._open.values())
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return the capture that holds a packet, and the packet's number there; None if not known."""
-        if len(self.paths) == 1:
-            path = self.paths[0]
-            return PacketOrigin(path, self._names[path], packet)
         found = self._runs.find(packet)
         if found is None:
             return None
@@ -110,7 +93,6 @@ class CaptureSequence:
         return PacketOrigin(path, self._names[path], found[1])
 
     def __iter__(self) -> Iterator[Packet]:
-        """Return an iterator over the packets of all captures."""
         inputs = self._in_order()
         self.paths = [each.path for each in inputs]
         self._counts = [0] * len(inputs)
@@ -150,11 +132,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield the packets of several captures in chronological order.
-
-        `waiting` holds the index of each capture and the time of its first packet, in the order of these
-        times.
-        """
+        """Yield packets in chronological order. `waiting` holds captures' indexes and first times, sorted."""
         reading: list[_Reading] = []
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):
@@ -199,17 +177,13 @@ class CaptureSequence:
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
-    """Return the name that users see for each capture. If two captures have the same file name, users see the
-    paths instead.
-    """
+    """Return the names that users see: the file names, or the paths of captures with the same file name."""
     count = Counter(Path(path).name for path in paths)
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 
 
 class RunTable:
-    """Converts one numbering to another. For example, packet 1200 of all captures may be packet 200 of the
-    second capture. Each entry of a `RunTable` converts a range of consecutive numbers.
-    """
+    """Converts one numbering to another: packet 1200 of all captures may be packet 200 of the second."""
 
     def __init__(self) -> None:
         self._starts = array("Q")
@@ -217,10 +191,8 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Add an entry. For example, after `add(1001, 1, 1)`, `find(1200)` returns `(1, 200)`.
-
-        If the latest entry has the same `start`, the new entry replaces the latest entry. If `find(start)`
-        already returns `(source, number)`, the table does not change.
+        """Add an entry, or replace the latest entry if it has the same `start`. For example, after `add(1001,
+        1, 1)`, `find(1200)` returns `(1, 200)`.
         """
         if len(self._starts) > MAX_RUNS:
             return
@@ -236,32 +208,11 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source, such as the index of a capture, and the number within this source. Return None
-        if the table has no entry for `number`.
-        """
+        """Return the source, such as the index of a capture, and the number there; None if not known."""
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
             return None
         return self._sources[at], self._numbers[at] + number - self._starts[at]
-
-
-class FrameOrigins:
-    """Finds the packet that completed a frame. A decoder adds the packets."""
-
-    def __init__(self, origin_of_packet: Callable[[int], PacketOrigin | None]) -> None:
-        self._packets_of_frames = RunTable()
-        self._origin_of_packet = origin_of_packet
-
-    def add(self, frame: int, packet: int) -> None:
-        """Remember the packet of a frame. You need not call `add` for a frame whose packet directly follows
-        the previous frame's packet.
-        """
-        self._packets_of_frames.add(frame, 0, packet)
-
-    def origin_of(self, frame: int) -> PacketOrigin | None:
-        """Return the capture and the packet that hold the frame with this number; None if not known."""
-        found = self._packets_of_frames.find(frame)
-        return None if found is None else self._origin_of_packet(found[1])
 
 
 def _file_size(path: str) -> int | None:

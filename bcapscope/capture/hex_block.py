@@ -15,24 +15,16 @@ LARGEST_REPEAT = 64 * 1024
 """Maximum number of repeated bytes that one asterisk line of a dump may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
-"""Maximum number of bytes per block, enough for many frames of real sessions. A longer dump becomes several
-blocks."""
+"""Maximum number of bytes per block: many frames of real sessions. A longer dump becomes several blocks."""
 
 MAX_ROWS = 16 * 1024
-"""Maximum number of rows per block. If each row has 16 bytes, a block of `MAX_ROWS` rows has the size
-`LARGEST_BLOCK`.
-"""
+"""Maximum number of rows per block. With 16 bytes per row, such a block has the size `LARGEST_BLOCK`."""
 
 _LARGEST_HOLE = 4096
-"""Maximum number of bytes that may be missing between two rows of one block. After a longer gap, a new block
-begins.
-"""
+"""Maximum number of bytes that may be missing between two rows. After a longer gap, a new block begins."""
 
 _BASES = {7: (16, 10, 8)}
-"""Number bases in which an offset may be written; the key is the offset's length in digits. The program `od`
-prints offsets of seven digits in base 8, 10 or 16. Offsets with more or fewer than seven digits are
-hexadecimal.
-"""
+"""Bases of an offset by its number of digits, else 16. `od` prints seven digits in base 8, 10 or 16."""
 
 
 class HexBlock:
@@ -41,18 +33,13 @@ class HexBlock:
     Attributes:
         caption: Words in the text above the block.
         direction: Direction that the caption states; None if the caption states no direction.
-        is_captioned: Whether the caption is directly above the block, with no other hex between caption and
-            block.
+        is_captioned: Whether no other hex is between caption and block.
         offset: Offset written before the first row; "" if the first row has no offset.
         indent: Column of the first row's offset; -1 if the first row has no offset.
-        starts_at_zero: Whether the first row's offset is 0.
         is_hex_only: Whether the lines of the block hold nothing but hex, offsets and characters.
         has_hex_notation: Whether a row has a notation that is used only for hex, such as 0x.
-        blank_line_follows: Whether a blank line follows the block.
-        asterisk_bytes: Maximum number of bytes that the asterisk after the last row may stand for; 0 if there
-            is no asterisk.
-        size: Number of whole bytes in the block.
-        notes: What is unusual in the text, one clause for each problem.
+        asterisk_bytes: Maximum number of bytes that the asterisk after the last row may stand for.
+        notes: What is unusual in the text.
     """
 
     def __init__(
@@ -80,17 +67,15 @@ class HexBlock:
 
     @property
     def size(self) -> int:
-        """Number of whole bytes in the block, without an incomplete byte at the end."""
         return len(self._digits) // 2
 
     @property
     def is_full(self) -> bool:
-        """Whether the block must be split before another row is added."""
         return self.size >= LARGEST_BLOCK or len(self._rows) >= MAX_ROWS
 
     @property
     def data(self) -> bytes:
-        """The bytes of the block, without an incomplete byte at the end."""
+        """The whole bytes of the block, without an incomplete byte at the end."""
         return bytes.fromhex(self.digits[: 2 * self.size])
 
     def line_numbers(self) -> list[tuple[int, int]]:
@@ -105,11 +90,9 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
-        belong to the new block.
+        """Cut the block at a byte offset. Return the rest, to which further rows belong, as a new block.
 
-        If `offset` is 0 or too many rows follow the cut, cut before the last row instead, and add a note to
-        the new block.
+        If `offset` is 0 or too many rows follow the cut, cut before the last row instead, and add a note.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = None
@@ -133,12 +116,8 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Shorten or fill the block up to `offset`, which is the offset of the next row. Return False if
-        `offset` does not fit the block.
-
-        If the last row ends beyond `offset`, remove the excess bytes: text that was mistaken for hex. If the
-        block ends before `offset`, `_fill_gap` handles the gap. `offset` is hexadecimal, decimal or octal
-        text.
+        """Fill the block up to the next row's `offset`, or remove bytes beyond it: text mistaken for hex.
+        Return False if `offset` does not fit.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -158,18 +137,15 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Convert the text `offset` to a byte position in the block. Return None if the text is not a number
-        in `base`.
-        """
+        """Convert an offset to a byte position in the block; None if it is not a number in `base`."""
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Handle a gap of `count` bytes after the last row. If an asterisk in the dump stands for the gap,
-        fill the gap with copies of the last row. If no asterisk stands for the gap, add a note that says how
-        many bytes are missing. Return False if the gap is too large.
+        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them, else add a
+        note that they are missing. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

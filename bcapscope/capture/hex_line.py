@@ -1,8 +1,7 @@
 """Split one line of pasted text into hex and prose.
 
-The line may come from hexdump, xxd, od, tcpdump, Wireshark's "Copy" menu, the b-CAP Tester's window, or a
-byte literal of a programming language. The hex digits form bytes, groups, one long row, or an escaped
-string. A line may have an offset on the left, the bytes as characters on the right, prefixes and commas.
+The line may come from hexdump, xxd, od, tcpdump, Wireshark, the b-CAP Tester or source code. It may have an
+offset on the left, the bytes as characters on the right, prefixes and commas.
 """
 
 from __future__ import annotations
@@ -15,23 +14,18 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 MIN_HEX_BYTES = 8
-"""Minimum number of adjacent bytes that are read as hex in the middle of prose. Dates, times, MAC addresses,
-and words such as "facade" are too short, so bcapscope does not mistake them for hex. The smallest argument of
-a frame has ten bytes.
+"""Minimum number of adjacent bytes that are hex in the middle of prose. Dates, MAC addresses and words such
+as "facade" are shorter. The smallest argument of a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
-"""If a line has more than this many columns, bcapscope does not look for the dump's character column. A dump
-with 64 bytes per row has 240 columns.
-"""
+"""In a longer line, no character column is searched. With 64 bytes per row, a dump has 240 columns."""
 
 
 # The pieces of a line are msgspec structs for speed: every line of a dump creates several pieces.
 # Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, creating a frozen dataclass 0.9 µs.
 # Unlike a named tuple, a struct never equals a struct of another class.
 class ProseText(msgspec.Struct, frozen=True):
-    """Text in a line that is not hex."""
-
     text: str
 
 
@@ -40,13 +34,10 @@ class HexDigits(msgspec.Struct, frozen=True):
 
     Attributes:
         digits: Two digits per byte. The last byte has one digit if a long row was wrapped inside a byte.
-        offset: Offset written before the bytes, with its colon but without 0x; "" if the line has no offset.
+        offset: Offset written before the bytes, with its colon but without 0x; "" if there is none.
         indent: Column at which the text of the line begins.
         is_hex_only: Whether the line holds only bytes, an offset and the bytes as characters.
-        has_hex_notation: Whether the bytes have a notation that is used only for hex: an offset, 0x or a
-            backslash.
-        starts_line: Whether nothing precedes the bytes in the line.
-        ends_line: Whether nothing follows the bytes in the line.
+        has_hex_notation: Whether the bytes have an offset, 0x or a backslash.
     """
 
     digits: str
@@ -63,7 +54,7 @@ class RepeatMark(msgspec.Struct, frozen=True):
 
 
 class EndOffset(msgspec.Struct, frozen=True):
-    """A line of only 4 to 8 hex digits. The digits are either the offset at the end of a dump, or bytes."""
+    """A line of 4 to 8 hex digits: the offset at the end of a dump, or bytes."""
 
     digits: str
 
@@ -72,8 +63,6 @@ LinePiece: TypeAlias = ProseText | HexDigits | RepeatMark | EndOffset
 
 
 class _Run(NamedTuple):
-    """A single token of a line, or several consecutive tokens that may be hex."""
-
     start: int
     stop: int
     digits: str
@@ -81,9 +70,7 @@ class _Run(NamedTuple):
 
 
 _NOISE = re.compile(r"</?[A-Za-z][^<>]{0,80}>|/\*.{0,200}?\*/|\(byte\)|^\s*(?:>\s?)+|^\s*```\w*|\\\s*$")
-"""Text to ignore: tags, comments, casts, quote marks of e-mails, code fences, and backslashes at the end of a
-line.
-"""
+"""Text to ignore: tags, comments, casts, quote marks of e-mails, code fences, and a final backslash."""
 
 _ENTITIES = (("&nbsp;", " "), ("&lt;", "<"), ("&gt;", ">"))
 _TOKEN = re.compile(r"[^\s,;|{}()\[\]\"'`\u201c\u201d\u2018\u2019]+")
@@ -98,16 +85,12 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""For each kind of first token in a `_Run`, the kinds of tokens that may follow. The last token in a row of a
-dump can have fewer digits, such as 05 in "0102 0304 05".
-"""
+"""For each kind of first token, the kinds that may follow. A row's last token can have fewer digits."""
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4
 _MACHINE_OFFSETS = (6, 7)
-"""Numbers of digits that an offset can have in the output of hexdump and od. hexdump and od print words in
-the machine's byte order.
-"""
+"""Numbers of digits of offsets in hexdump and od, which print words in the machine's byte order."""
 
 _OCTAL_WORD = re.compile(r"[01][0-7]{5}")
 _LONE_NUMBER = re.compile(r"\s*([0-9A-Fa-f]{4,8})\s*")
@@ -116,9 +99,7 @@ _ESCAPE = re.compile(r"\\x([0-9A-Fa-f]{2})|\\([0-7]{1,3})|\\(.)|(.)", re.DOTALL)
 _NAMED = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11}
 _MARK = re.compile(r"0[xX]|\\x")
 _WORDS = re.compile(r"[^\W\d_]|[<>\u2190-\u21ff]")
-"""Finds a letter, an arrow, or the tip of an arrow such as "->". `_prose` drops text that has neither letters
-nor arrows.
-"""
+"""Finds a letter, an arrow, or the tip of an arrow such as "->"."""
 
 
 def parse_line(line: str) -> list[LinePiece]:
@@ -141,9 +122,7 @@ def parse_line(line: str) -> list[LinePiece]:
 
 
 def _leading_offset(line: str) -> tuple[str, int]:
-    """Return the offset at the start of a line, and the column after the offset; "" and 0 if the line has no
-    offset.
-    """
+    """Return the offset at the start of a line, and the column after it; "" and 0 if there is none."""
     match = _OFFSET.match(line)
     following = _TOKEN.search(line, match.end()) if match else None
     if match is None or following is None:
@@ -158,10 +137,7 @@ def _leading_offset(line: str) -> tuple[str, int]:
 
 
 def _dump_row(line: str, start: int) -> list[_Run]:
-    """Return the bytes in a line of a dump, where the line begins with an offset.
-
-    The rest of the line shows the bytes as characters.
-    """
+    """Return the bytes in a line with an offset. The rest of the line shows them as characters."""
     runs = list(_hex_runs(line, start))[:1]
     if not runs or ":" in line[:start] or runs[0].kind not in (_GROUP, _ROW):
         return runs
@@ -173,7 +149,6 @@ def _dump_row(line: str, start: int) -> list[_Run]:
 
 
 def _hex_runs(line: str, start: int) -> Iterator[_Run]:
-    """Join consecutive tokens that may be hex, and yield a `_Run` for each longest possible sequence."""
     group: list[_Run] = []
     for token in _tokens(line, start):
         if group and token.kind not in _JOINABLE[group[0].kind]:
@@ -202,9 +177,7 @@ def _classify_word(word: str) -> tuple[str, str]:
 
 
 def _make_run(line: str, group: Sequence[_Run]) -> _Run:
-    """Join tokens to a run. If a dump's line shows its bytes as characters at the right end, leave these
-    characters out.
-    """
+    """Join tokens to a run, without the bytes as characters that a dump shows at the right end."""
     for index in range(1, len(group) + 1 if len(line) <= LONGEST_ROW else 0):
         stop = group[index].start if index < len(group) else len(line)
         between = line[group[index - 1].stop : stop]
@@ -217,9 +190,7 @@ def _make_run(line: str, group: Sequence[_Run]) -> _Run:
 
 
 def _are_characters(digits: str, text: str) -> bool:
-    """Return whether `text` shows the bytes of `digits` as characters, with a dot for each byte that is not
-    printable.
-    """
+    """Return whether `text` shows the bytes of `digits`, with a dot for each byte that is not printable."""
     text = text.strip().strip("|")
     if text[:1] == ">" and text[-1:] == "<":
         text = text[1:-1]
@@ -234,7 +205,6 @@ def _are_characters(digits: str, text: str) -> bool:
 
 
 def _literals(line: str) -> Iterator[_Run]:
-    """Yield the bytes of each string literal in a line, if the literal contains byte escapes."""
     for match in _LITERAL.finditer(line):
         if "\\x" in match[0]:
             values = [
@@ -251,7 +221,9 @@ def _escape_value(digits: str, octal: str, named: str, plain: str) -> int:
 
 
 def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[LinePiece]:
-    outside = "".join(line[a:b] for a, b in _outside_runs(runs, start, len(line)))
+    begins = [start, *(run.stop for run in runs)]
+    ends = [*(run.start for run in runs), len(line)]
+    outside = "".join(line[begin:end] for begin, end in zip(begins, ends, strict=True))
     alone = not _WORDS.search(outside) and not any(map(str.isdigit, outside))
     indent = len(line) - len(line.lstrip())
     pos = start
@@ -266,13 +238,6 @@ def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[Li
         yield HexDigits(run.digits, offset, indent, alone, marked, starts_line, ends_line)
         pos = run.stop
     yield from _prose(line[pos:])
-
-
-def _outside_runs(runs: list[_Run], start: int, stop: int) -> Iterator[tuple[int, int]]:
-    for run in runs:
-        yield start, run.start
-        start = run.stop
-    yield start, stop
 
 
 def _prose(text: str) -> Iterator[ProseText]:

@@ -1,9 +1,4 @@
-"""Find frames in text: hex that people paste from mails, documents, tools and screenshots.
-
-`bcapscope.capture.hex_line` finds the hex in a line. This module combines the bytes of several lines into
-packets, and takes each packet's direction and caption from the text. Prose and tables are ignored, even if
-some of their words look like hex.
-"""
+"""Find frames in text: hex that people paste from mails, documents, tools and screenshots."""
 
 from __future__ import annotations
 
@@ -25,25 +20,18 @@ from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Maximum total number of repeated bytes that bcapscope adds for the asterisk lines of one text. Without this
-limit, a text of a few lines could make bcapscope fill the memory with repeated bytes.
-"""
+"""Maximum total number of bytes that asterisk lines add to one text, so that they cannot fill the memory."""
 
 LARGEST_LIKELY = 64 * 1024
-"""Largest plausible value of the length field, in bytes. A larger value is treated as damage, because frames
-of real sessions have less than 10 KiB.
-"""
+"""Largest plausible value of the length field, in bytes. Frames of real sessions have less than 10 KiB."""
 
 _LONGEST_COMPLETED = 1024
-"""A hex block of at most this many bytes can end on a line that also contains words. UDP frames have at most
-503 bytes (orin_bcap dn_udp.h).
-"""
+"""Maximum bytes of a block that ends on a line of words. UDP frames have at most 503 (orin_bcap dn_udp.h)."""
 
 LONGEST_CAPTION = 120
-"""At most this many characters of a caption are kept."""
 
 LONGEST_PARAGRAPH = 500
-"""bcapscope searches this many characters at the end of a paragraph for words that state a direction."""
+"""Number of characters at the end of a paragraph in which words may state a direction."""
 
 _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
@@ -76,13 +64,11 @@ class HexPacket(NamedTuple):
 
     Attributes:
         data: A frame, which may be damaged, or bytes that are not a frame.
-        direction: Direction of the frame; None if neither the text nor the bytes show the direction.
-        is_direction_guessed: Whether `direction` was guessed from the bytes, because the text states no
-            direction.
-        caption: Words above the hex, or before the hex on its line; "" if there are none. The caption is
-            untrusted, because it is pasted text.
+        direction: Direction of the frame; None if neither the text nor the bytes show it.
+        is_direction_guessed: Whether `direction` follows only from the bytes.
+        caption: Untrusted words above the hex, or before the hex on its line; "" if there are none.
         line: Number of the line on which the packet begins, from 1.
-        notes: What was unusual in the text and cannot be seen from the bytes, one clause for each problem.
+        notes: What was unusual in the text and cannot be seen from the bytes.
     """
 
     data: bytes
@@ -94,19 +80,12 @@ class HexPacket(NamedTuple):
 
 
 def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
-    """Yield the packets that are found in the lines of a text, in the order of the text.
-
-    A packet is yielded as soon as later lines show that the packet is complete.
-
-    Raises:
-        CaptureError: `lines` raised it.
-    """
+    """Yield the packets in the lines of a text as soon as they are complete. Prose and tables are ignored."""
     packets = (packet for block in _join_blocks(_read_blocks(lines)) for packet in _packets_in(block))
     return _note_serial_mismatches(packets)
 
 
 def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
-    """Yield the blocks of hex in a text, including blocks that do not hold b-CAP."""
     reader = _BlockReader()
     for number, line in enumerate(lines, 1):
         reader.add_line(number, parse_line(line))
@@ -117,11 +96,7 @@ def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
 
 
 class _BlockReader:
-    """Assembles blocks from the hex in successive lines.
-
-    Attributes:
-        last: The latest block, which the next lines may continue.
-    """
+    """Assembles blocks from the hex in successive lines. The next lines may continue the block `last`."""
 
     def __init__(self) -> None:
         self.last: HexBlock | None = None
@@ -135,7 +110,6 @@ class _BlockReader:
         self._repeat_budget = MAX_REPEATED
 
     def add_line(self, number: int, pieces: list[LinePiece]) -> None:
-        """Add the pieces into which a line was split; `number` is the line's number, counted from 1."""
         if not pieces and self._open is not None:
             self._open.blank_line_follows = True
         for piece in pieces:
@@ -168,15 +142,8 @@ class _BlockReader:
             self._begin_block(number, piece)
 
     def _add_dump_row(self, number: int, piece: HexDigits) -> None:
-        """Add a row to the last block, or begin a new block if the row's offset does not follow the block's
-        end.
-        """
         last = self.last
-        if (
-            last is not None
-            and last.indent == piece.indent
-            and self._fit_to_offset(last, piece.offset, number)
-        ):
+        if last and last.indent == piece.indent and self._fit_to_offset(last, piece.offset, number):
             self._open, self._has_new_caption = last, False
             self._add_row(last, number, piece)
         else:
@@ -189,9 +156,7 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes on a line that also contains words. A line of words can begin with the last
-        bytes of the frame above, or end with the first bytes of the block below.
-        """
+        """Handle the last bytes of the frame above, or the first of the block below, on a line of words."""
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -215,7 +180,6 @@ class _BlockReader:
         self._has_new_caption, self._tail = False, None
 
     def _add_row(self, block: HexBlock, number: int, piece: HexDigits) -> None:
-        """Add a row to a block. If the new row fills the block, move the last frame to a new block."""
         block.add(number, piece)
         if block.is_full:
             self._set_last_block(block.split(_last_frame_start(block)))
@@ -233,21 +197,15 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the byte offset of the last frame in a block; 0 if the block does not begin with a frame. If the
-    last frame begins more than `LARGEST_LIKELY` bytes before the end of the block, return 0.
-    """
-    start = (
-        _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
-        if _begins_as_frame(block.data)
-        else 0
-    )
+    """Return the offset of the block's last frame; 0 if there is none or it is too long."""
+    if not _begins_as_frame(block.data):
+        return 0
+    start = _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
     return start if block.size - start <= LARGEST_LIKELY else 0
 
 
 def _frame_length(data: bytes) -> int | None:
-    """Return the length that the frame at the start of `data` states; None if SOH is missing or the length is
-    implausible.
-    """
+    """Return the length that the frame at the start of `data` states; None if it is implausible."""
     length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
     return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
 
@@ -257,9 +215,7 @@ def _begins_as_frame(data: bytes) -> bool:
 
 
 def _missing_bytes(data: bytes) -> int:
-    """Return how many bytes are missing at the end of the last frame in `data`; 0 if that frame is whole or
-    `data` holds no frame.
-    """
+    """Return how many bytes the last frame in `data` lacks; 0 if `data` holds no frame."""
     last = data[_frame_starts(data, [])[-1] :]
     return max((_frame_length(last) or 0) - len(last), 0)
 
@@ -268,12 +224,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
     """Join blocks that belong to one frame, and drop blocks that do not hold b-CAP."""
     pending: HexBlock | None = None
     for block in blocks:
-        if (
-            pending is not None
-            and not block.is_captioned
-            and not block.starts_at_zero
-            and _continues_frame(pending, block)
-        ):
+        if pending is not None and _continues_frame(pending, block):
             pending.extend(block)
         elif _is_bcap_hex(block):
             if pending is not None:
@@ -284,21 +235,16 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 
 
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
-    """Return whether `block` continues an incomplete frame at the end of `before`.
-
-    For a block of one byte, return True only if the frame lacks exactly one byte. A block of one byte may be
-    a page number.
-    """
+    """A block of one byte may be a page number, so it must complete the frame."""
     data = block.data
+    if block.is_captioned or block.starts_at_zero or _begins_as_frame(data):
+        return False
     lacking = _missing_bytes(before.data)
-    return not _begins_as_frame(data) and (len(data) == lacking or 2 <= len(data) < lacking)
+    return len(data) == lacking or 2 <= len(data) < lacking
 
 
 def _is_bcap_hex(block: HexBlock) -> bool:
-    """Return whether a block holds b-CAP bytes.
-
-    Many bytes of b-CAP frames are zero. The many zeros distinguish b-CAP from other hex.
-    """
+    """Return whether a block holds b-CAP. Many bytes of frames are zero, unlike those of other hex."""
     data = block.data
     if block.is_captioned and block.direction is not None:
         return len(data) >= MIN_HEX_BYTES // 2
@@ -330,11 +276,7 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets at which frames begin in the bytes of a block; `rows` are the offsets of the block's
-    rows.
-
-    A frame begins directly after a whole frame, or at a row that looks like the start of a frame.
-    """
+    """Return the offsets of frames: after a whole frame, or at one of the `rows` that looks like a start."""
     cuts = [0]
     while True:
         start = cuts[-1]
@@ -354,9 +296,7 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
 def _direction_of(
     part: bytes, block: HexBlock, by_port: Direction | None
 ) -> tuple[Direction | None, bool, list[Message]]:
-    """Return the direction of a packet, whether the direction is a guess, and a note if caption and bytes
-    contradict each other.
-    """
+    """Return the direction, whether it is a guess, and a note if caption and bytes contradict each other."""
     content = _direction_by_content(part)
     if by_port is not None:
         return by_port, False, []
@@ -369,10 +309,7 @@ def _direction_of(
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Return the direction that the bytes of a frame show; None if they do not show it.
-
-    The function id or result code shows the direction even if the rest of the frame is damaged.
-    """
+    """Return the direction that the function id or result code shows, even in a damaged frame."""
     item = parse_single_frame(part)
     if isinstance(item, Malformed) or not _begins_as_frame(part):
         return None
@@ -385,9 +322,7 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Return the payload of a network packet, its direction according to its ports, and the size of its
-    headers.
-    """
+    """Return a network packet's payload, its direction according to its ports, and its headers' size."""
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:
@@ -424,11 +359,7 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
 
 
 def caption_direction(caption: str) -> Direction | None:
-    """Return the direction that a caption states, such as "TX", "RX(Server->Client) #1", "SendData", "受信".
-
-    If the last sentence of a paragraph states a direction, the other sentences do not count. Return None if
-    the caption states no direction.
-    """
+    """Return the direction that words such as "TX" or "受信" state. The last sentence takes precedence."""
     last = _SENTENCE_END.split(caption[-LONGEST_PARAGRAPH:])[-1]
     return _direction_in(last) or _direction_in(caption[-LONGEST_PARAGRAPH:])
 
@@ -443,8 +374,6 @@ def _direction_in(words: str) -> Direction | None:
 
 
 def shorten_caption(words: str) -> str:
-    """Return a caption without decoration. If the caption is a long paragraph, return only the end of its
-    last sentence.
-    """
+    """Return a caption without decoration; for a long paragraph, only the end of its last sentence."""
     words = words.strip(" \t-*#•:=")
     return words if len(words) <= LONGEST_CAPTION else _SENTENCE_END.split(words)[-1][-LONGEST_CAPTION:]

@@ -8,14 +8,10 @@ from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
-"""Time in ns from the first fragment until an incomplete packet is dropped. Linux also drops an incomplete
-packet after 30 s (ipfrag_time).
-"""
+"""Time in ns from the first fragment until an incomplete packet is dropped, as in Linux (ipfrag_time)."""
 
 MEMORY_LIMIT = 4 * 1024 * 1024
-"""Maximum number of bytes held for all incomplete packets together. The limit of Linux is also 4 MiB
-(ipfrag_high_thresh).
-"""
+"""Maximum number of bytes held for incomplete packets, as in Linux (ipfrag_high_thresh)."""
 
 LARGEST_PAYLOAD = 65535
 """Longest payload of a fragmented IP packet, in bytes (RFC 791; RFC 8200 for IPv6)."""
@@ -24,8 +20,6 @@ _PART_COST = 128  # bytes of memory that a fragment takes in addition to its con
 
 
 class _PartialPacket:
-    """The fragments of one incomplete packet that have arrived so far."""
-
     def __init__(self, began: int) -> None:
         self.began = began
         self.protocol: int | None = None
@@ -40,9 +34,7 @@ class _PartialPacket:
         return self._held_bytes + _PART_COST * (len(self._payloads) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
-        """Add a fragment. If two fragments contradict each other, the packet becomes invalid (RFC 5722, RFC
-        8200 4.5).
-        """
+        """Add a fragment. A contradiction makes the packet invalid (RFC 5722, RFC 8200 4.5)."""
         if self._is_contradictory:
             return
         stop = offset + len(payload)
@@ -61,7 +53,6 @@ class _PartialPacket:
             self._mark_contradictory()
 
     def joined_payload(self) -> bytes | None:
-        """Return the payload of the whole packet; None if fragments are missing or overlap."""
         if self._held_bytes != self._size:
             return None
         offsets = sorted(self._payloads)
@@ -75,22 +66,15 @@ class _PartialPacket:
 
 
 class IpReassembly:
-    """Reassembles IP packets from their fragments, and keeps the fragments of packets that are still
-    incomplete.
-    """
+    """Reassembles IP packets. `counts.fragments_lost` counts the packets that it drops."""
 
     def __init__(self, counts: CaptureCounts) -> None:
-        """`counts.fragments_lost` counts the packets that the `IpReassembly` drops."""
         self._counts = counts
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0
 
     def add(self, packet: IPPacket, time: int) -> tuple[IPPacket, int] | None:
-        """Add a fragment; return the packet that it completes, and the capture time of the first fragment.
-
-        Return None while fragments are missing. A packet that is not fragmented is returned unchanged. Times
-        are in ns since 1970.
-        """
+        """Return the packet that a fragment completes and the time of its first fragment (ns), or None."""
         fragment = packet.fragment
         if fragment is None:
             return packet, time
@@ -120,9 +104,7 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old. While the incomplete packets need more memory than
-        `MEMORY_LIMIT`, drop the oldest incomplete packet.
-        """
+        """Drop incomplete packets that are too old or, oldest first, need more memory than `MEMORY_LIMIT`."""
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:

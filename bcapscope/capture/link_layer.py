@@ -15,28 +15,20 @@ ETHERNET, LINUX_COOKED, LINUX_COOKED_2 = 1, 113, 276
 
 _IPV4, _IPV6 = 0x0800, 0x86DD
 _VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
-"""Ethernet types of VLAN tags: customer tag and service tag (IEEE 802.1Q), and the service tag of switches
-that are older than the standard.
-"""
+"""Ethernet types of VLAN tags: customer and service tag (IEEE 802.1Q), and an older service tag."""
 
 _MAX_LENGTH_FIELD = 1500
-"""If Ethernet's type field has at most this value, the value is a length. If the type field holds a length,
-an LLC header follows (IEEE 802.3).
-"""
+"""Up to this value, Ethernet's type field is a length, and an LLC header follows (IEEE 802.3)."""
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"
-"""LLC header that announces SNAP (unnumbered information), followed by SNAP's organisation code for Ethernet
-types.
-"""
+"""LLC header that announces SNAP, followed by SNAP's organisation code for Ethernet types."""
 
 _PPPOE, _PPPOE_SIZE = 0x8864, 6
 _PPP_FRAMING = b"\xff\x03"
 _PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
-"""Address families of IP packets in LINKTYPE_NULL. AF_INET is 2. AF_INET6 is 10 on Linux, 24 on NetBSD and
-OpenBSD, 28 on FreeBSD, and 30 on macOS.
-"""
+"""AF_INET (2), and AF_INET6 on Linux (10), NetBSD and OpenBSD (24), FreeBSD (28) and macOS (30)."""
 
 _HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
 _EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 135, 139, 140})
@@ -48,14 +40,7 @@ _IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
 
 
 class Fragment(NamedTuple):
-    """The position of an IP fragment in its packet.
-
-    Attributes:
-        key: Header bytes that all fragments of a packet share: addresses, identification and, in IPv4,
-            protocol.
-        offset: Offset of the fragment in the whole payload, in bytes.
-        more: Whether more fragments of the packet follow.
-    """
+    """Position of an IP fragment in bytes. `key` is addresses, identification and, in IPv4, protocol."""
 
     key: bytes
     offset: int
@@ -63,15 +48,13 @@ class Fragment(NamedTuple):
 
 
 class IPPacket(NamedTuple):
-    """Payload and header fields of an IP packet.
+    """Payload and header fields of an IP packet. `addresses` is source and destination, 4 or 16 bytes each.
 
     Attributes:
         protocol: Number of the transport protocol, 17 for UDP, 6 for TCP.
-        addresses: Source and destination address, 4 or 16 bytes each.
         payload: Captured payload of the IP packet, without padding of the link.
-        missing: Number of bytes at the end of the payload that the capture lacks, computed from the length
-            field.
-        fragment: Position of the fragment in its packet; None for a whole packet.
+        missing: Number of bytes at the end of the payload that the capture lacks.
+        fragment: None for a whole packet.
     """
 
     protocol: int
@@ -82,11 +65,7 @@ class IPPacket(NamedTuple):
 
 
 def find_ip(linktype: int, data: bytes) -> int:
-    """Return the offset of the IP header in a captured packet, or `NOT_IP`.
-
-    Raises:
-        KeyError: The link type is not in `IP_OFFSET_FINDERS`.
-    """
+    """Return the offset of the IP header, or `NOT_IP`. Raises KeyError for an unknown link type."""
     offset = IP_OFFSET_FINDERS[linktype](data)
     return offset if offset < len(data) else NOT_IP
 
@@ -100,9 +79,7 @@ def read_ip(data: bytes, offset: int) -> IPPacket | None:
 
 
 def _ip_in_payload(data: bytes, kind: int, offset: int) -> int:
-    """Find the IP header in a payload of the Ethernet type `kind`. Skip VLAN tags, LLC with SNAP, and a PPPoE
-    header.
-    """
+    """Find the IP header in a payload of the Ethernet type `kind`, after VLAN tags, SNAP and PPPoE."""
     while kind in _VLAN_TAGS:
         kind = int.from_bytes(data[offset + 2 : offset + 4])
         offset += 4
@@ -118,10 +95,7 @@ def _ip_in_payload(data: bytes, kind: int, offset: int) -> int:
 
 
 def _ip_after_ppp(data: bytes, offset: int) -> int:
-    """Return the offset of the IP header that follows the PPP protocol field at `offset`, or `NOT_IP`.
-
-    The PPP protocol field has two bytes, or one byte if both ends agreed to compress the field.
-    """
+    """Skip the PPP protocol field, which has two bytes, or one byte if both ends agreed to compress it."""
     compressed = data[offset : offset + 1]
     if compressed and compressed[0] & 1:
         return offset + 1 if compressed[0] in _PPP_IP else NOT_IP
@@ -133,11 +107,7 @@ def _ppp(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """Return the offset of the IP header in a loopback packet, or `NOT_IP`.
-
-    A loopback packet begins with the address family. The address family has the capturing machine's byte
-    order, or network byte order for LINKTYPE_LOOP.
-    """
+    """Skip the address family, in the capturing machine's byte order or network order (LINKTYPE_LOOP)."""
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
 

@@ -1,8 +1,7 @@
 """Live capture on an interface of this machine.
 
-On Linux, bcapscope captures with a packet socket (packet(7)). The packet socket reports what scapy hides:
-time stamps in nanoseconds, duplicates on the loopback interface, and the number of lost packets. On other
-systems, scapy captures through libpcap or BPF in a separate process.
+A packet socket of Linux (packet(7)) reports what scapy hides: nanoseconds, duplicates on the loopback
+interface, and lost packets. On other systems, scapy captures through libpcap or BPF in a separate process.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, enable_receive_timestamps, kernel_timestamp
 
 ANY_INTERFACE = "any"
-"""Interface name that stands for all interfaces, as in tcpdump (Linux only)."""
+"""Name that stands for all interfaces, as in tcpdump (Linux only)."""
 
 _EXIT_TIMEOUT = 5.0
 _LARGEST_PACKET = 262144
@@ -38,17 +37,11 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. From this call on, the system
-    stores packets in a buffer.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`, or raise CaptureError.
 
-    Iterate over the capture to get packets as they arrive. The iteration lasts until it is interrupted. The
-    iteration raises CaptureError if the capture fails, such as when the interface disappears. Use the capture
-    as a context manager: leaving the context ends the capture. The capture's attribute `lost` is the number
-    of packets that the system dropped for lack of buffer space. If no packet arrives during `READ_TIMEOUT`,
-    the capture calls the function in its attribute `on_idle`.
-
-    Raises:
-        CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
+    Iterate over the capture to get packets as they arrive; the iteration raises CaptureError if the capture
+    fails. Leaving the capture's context ends it. `lost` is the number of packets that the system dropped for
+    lack of buffer space. `on_idle` is called when no packet arrived during `READ_TIMEOUT`.
     """
     known = [known for _, known in socket.if_nameindex()]
     if name not in known and (name != ANY_INTERFACE or sys.platform != "linux"):
@@ -69,9 +62,7 @@ def _permission_help(name: str) -> Message:
 
 
 class _PacketSocket:
-    """Capture on Linux.
-
-    The kernel delivers packets without a link header, so this class adds a "cooked" link header, as tcpdump
+    """Capture on Linux. The kernel delivers no link header, so this class adds a "cooked" one, as tcpdump
     does.
     """
 
@@ -101,7 +92,6 @@ class _PacketSocket:
 
     @property
     def lost(self) -> int:
-        """Number of packets that the kernel dropped because the socket's buffer was full."""
         _, lost = struct.unpack("II", self._socket.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8))
         self._lost += lost  # the kernel resets its counter of dropped packets at each query
         return self._lost
@@ -132,9 +122,7 @@ class _PacketSocket:
 
 
 class _SnifferProcess:
-    """A live capture on a system other than Linux. A separate process captures with scapy (see
-    `capture.sniffer`).
-    """
+    """Capture with scapy in a separate process (see `capture.sniffer`)."""
 
     lost = 0
 
@@ -175,7 +163,6 @@ class _SnifferProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the pipe, so that the separate process ends; kill this process if it does not end."""
         if self._process.stdout is not None:
             self._process.stdout.close()
         try:

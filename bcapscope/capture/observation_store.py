@@ -1,8 +1,6 @@
-"""Stores observations on disk. A store can hold millions of observations. Reading one observation is fast and
-takes constant memory.
+"""Observations on disk. A store can hold millions of observations.
 
-One process writes the store while other processes read it. The format is the same whether the observations
-come from a file, an interface, a proxy or a client.
+One process writes the store while other processes read it. Reading one observation takes constant memory.
 """
 
 from __future__ import annotations
@@ -36,11 +34,9 @@ _FRAMES, _CONVERSATIONS = "frames", "conversations"
 
 
 class _FrameRecord(msgspec.Struct, array_like=True):
-    """Stored form of an observation. `conversation` is the number of the observation's conversation.
-
-    Text is stored as bytes (see `encode_text`). `function_id` is None if the kind of the call is unknown.
-    `missing` is None for a frame. `problems` holds only problems that cannot be found again in `raw`. Each
-    problem is a tuple of offset, code and reason.
+    """Stored form of an observation. Text is stored as bytes (see `encode_text`). `function_id` is None if
+    the kind of the call is unknown. `missing` is None for a frame. `problems` holds the offset, code and
+    reason of problems that cannot be found again in `raw`.
     """
 
     time: int
@@ -72,10 +68,8 @@ def decode_text(data: bytes) -> str:
 
 
 class ObservationStoreWriter:
-    """Writes observations in the order of their numbers. The first number is 1."""
-
     def __init__(self, folder: Path) -> None:
-        """Create the files of the store in an existing folder that holds no store yet."""
+        """Create the files in a folder that holds no store yet. The first observation has number 1."""
         self._frames = AppendLogWriter(folder / _FRAMES)
         self._conversations = AppendLogWriter(folder / _CONVERSATIONS)
         self._numbers: dict[Conversation, int] = {}
@@ -85,9 +79,6 @@ class ObservationStoreWriter:
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
-        """Add an observation, the kind of its call, and the comments on the observation's packet in the
-        capture.
-        """
         _, time, began, flow, item, packet = observation
         number = self._numbers.get(flow.conversation)
         if number is None:
@@ -147,10 +138,7 @@ def _decode_problems(problems: Sequence[tuple[int, bytes, bytes]]) -> tuple[Prob
 
 
 class ObservationStore:
-    """Reads the files that an `ObservationStoreWriter` writes, even while the writer adds observations."""
-
     def __init__(self, folder: Path) -> None:
-        """Open the files of an `ObservationStoreWriter` in a folder, or raise OSError."""
         self._records = AppendLogReader(folder / _FRAMES)
         self._conversations = AppendLogReader(folder / _CONVERSATIONS)
         self._flows: dict[int, tuple[Flow, Flow]] = {}
@@ -185,11 +173,7 @@ class ObservationStore:
         return AnnotatedFrame(observation, kind, comments)
 
     def time_of(self, number: int) -> int:
-        """Return the arrival time of the observation with this number, ns since 1970.
-
-        Raises:
-            IndexError: No observation has that number.
-        """
+        """Return an arrival time, ns since 1970. Raises IndexError if there is no such observation."""
         return _frame_decoder.decode(self._records.read_record(number - 1)).time
 
     def _flows_of(self, number: int) -> tuple[Flow, Flow]:

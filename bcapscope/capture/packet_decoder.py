@@ -22,30 +22,36 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 CONVERSATIONS_LIMIT = 10_000
-"""Maximum number of conversations in `PacketDecoder.conversations`. Without a limit, a flood of forged
-addresses would fill the memory."""
+"""Maximum number of conversations in `PacketDecoder.conversations`, because of forged addresses."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments the decoder keeps. bcapscope uses a packet's comments only shortly
-after decoding the packet.
-"""
+"""Maximum number of packets with kept comments, which are used only shortly after decoding."""
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Maximum size in bytes of all kept comments together. To stay within `COMMENTS_BYTES`, the decoder drops the
-oldest comments, but never the comments of the latest packet.
-"""
+"""Maximum size of all kept comments in bytes, except the comments of the latest packet."""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
-"""Seven big-endian header fields of a UDP packet over Ethernet. The Ethernet header has the type. The IPv4
-header has the version and header size, length, fragmentation and protocol. The last two fields are the
-addresses with the ports, and the UDP length.
+"""Big-endian header fields of a UDP packet over Ethernet: Ethernet type; IPv4 version and header size,
+length, fragmentation, protocol; addresses with ports; UDP length.
 """
 
 _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
+
+
+class PacketComments(dict[int, tuple[str, ...]]):
+    """Comments of the latest packets that have comments; the key is the packet number."""
+
+    _size = 0
+
+    def add(self, packet: int, comments: tuple[str, ...]) -> None:
+        self[packet] = comments
+        self._size += sum(map(getsizeof, comments))
+        while len(self) > COMMENTS_LIMIT or (len(self) > 1 and self._size > COMMENTS_BYTES):
+            self._size -= sum(map(getsizeof, self.pop(next(iter(self)))))
 
 
 class PacketDecoder:
@@ -53,25 +59,18 @@ class PacketDecoder:
 
     Attributes:
         counts: Numbers of packets and observations so far.
-        comments: Comments of the latest `COMMENTS_LIMIT` packets that have comments; the key is the packet
-            number.
-        note_packet: Function that receives a frame number and the number of the frame's packet. The decoder
-            need not call `note_packet` for a frame whose packet directly follows the previous frame's packet.
-        end_time: Latest capture time of all packets so far, of any protocol, ns since 1970; 0 before the
-            first packet.
+        note_packet: Receives a frame number and the number of the frame's packet. The call may be missing for
+            a frame whose packet directly follows the previous frame's packet.
+        end_time: Latest capture time of all packets of any protocol, ns since 1970; 0 before the first.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
-        """Create a decoder that knows no conversation yet.
-
-        The end whose port is in `ports` is the controller. If neither port is in `ports`, the content shows
-        which end is the controller. The decoder ignores packets of interfaces whose name does not begin with
-        `interface_prefix`.
+        """The end whose port is in `ports` is the controller; otherwise, the content shows the controller.
+        Packets of interfaces whose name does not begin with `interface_prefix` are ignored.
         """
         self.counts = CaptureCounts()
         self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
-        self.comments: dict[int, tuple[str, ...]] = {}
-        self._comments_size = 0
+        self.comments = PacketComments()
         self.end_time = 0
         self._conversations: dict[Conversation, None] = {}
         self._interface_prefix = interface_prefix
@@ -82,22 +81,15 @@ class PacketDecoder:
 
     @property
     def conversations(self) -> tuple[Conversation, ...]:
-        """The first `CONVERSATIONS_LIMIT` conversations, in the order of their first observation.
-
-        The attribute `server_evidence` of a conversation states how bcapscope identified the controller.
-        """
+        """The first `CONVERSATIONS_LIMIT` conversations, in the order of their first observation."""
         return tuple(self._conversations)
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[Observation]:
         """Yield an observation for each frame, for each run of bytes that are not a frame, and for each gap.
 
-        The decoder yields each observation as soon as the observation is complete. While it is unknown which
-        end of a conversation is the controller, the decoder holds back the observations of this conversation.
-        If `decode` is called again, the observation numbers continue.
-
-        Raises:
-            CaptureError: Reading `packets` failed. Before this error, the iterator yields all observations
-                that precede the damage.
+        The observations of a conversation are held back while its controller is unknown. If `decode` is
+        called again, the observation numbers continue. Raises CaptureError after all observations before the
+        damage.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
@@ -110,7 +102,7 @@ class PacketDecoder:
                 packet += 1
                 self.end_time = latest = time if time > latest else latest  # cheaper than max() per packet
                 if comments:
-                    self._keep_comments(packet, comments)
+                    self.comments.add(packet, comments)
                 if source is not interface:
                     interface, ethernet = source, source.linktype == ETHERNET
                     wanted = source.name.startswith(self._interface_prefix)
@@ -149,15 +141,6 @@ class PacketDecoder:
         if broken is not None:
             raise broken
 
-    def _keep_comments(self, packet: int, comments: tuple[str, ...]) -> None:
-        self.comments[packet] = comments
-        self._comments_size += sum(map(getsizeof, comments))
-        while len(self.comments) > COMMENTS_LIMIT or (
-            len(self.comments) > 1 and self._comments_size > COMMENTS_BYTES
-        ):
-            oldest = self.comments.pop(next(iter(self.comments)))
-            self._comments_size -= sum(map(getsizeof, oldest))
-
     def _make_observation(self, number: int, flow: Flow, timed_item: TimedItem) -> Observation:
         began, time, packet, item = timed_item
         if isinstance(item, Malformed):
@@ -173,9 +156,6 @@ class PacketDecoder:
     def _decode_any(
         self, time: int, data: bytes, original: int, interface: Interface, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Parse all headers of a packet. This general method decodes packets that the fast path does not
-        cover.
-        """
         cut = original > len(data)
         self.counts.cut += cut
         ip = self._find_ip_packet(data, interface.linktype)

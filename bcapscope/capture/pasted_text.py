@@ -27,17 +27,15 @@ from bcapscope.traffic.observation import (
 )
 
 LONGEST_LINE = 256 * 1024
-"""Maximum number of characters in a line. The longest frames of real sessions have 10 KiB and take 60 KiB
-when written as `0x01, 0x02, …`.
+"""Maximum number of characters in a line. The longest frames of real sessions have 60 KiB as `0x01, 0x02, …`.
 """
 
 
 class PastedText:
-    """Observations of the packets in a text, in the order of the text. The times of the observations are
-    unknown and set to 0.
+    """Observations of the packets in a text, in the order of the text. All times are 0.
 
-    A packet has an additional problem if its command is unknown but similar to a known command, or if the
-    bytes are only one argument of a frame.
+    A packet has an additional problem if its command is similar to a known command, or if the bytes are only
+    one argument of a frame.
 
     Attributes:
         count: Number of packets read so far.
@@ -45,20 +43,12 @@ class PastedText:
     """
 
     def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Prepare to read `lines`, the lines of a text. The lines are read only when you iterate over the
-        `PastedText`.
-        """
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines
         self._words = words
 
     def __iter__(self) -> Iterator[Observation]:
-        """Yield the packets.
-
-        Raises:
-            CaptureError: The iterable of lines raised this error.
-        """
         ends = Endpoint("client", 0), Endpoint("server", 0)
         conversation = Conversation(*ends, Transport.UNKNOWN, ServerEvidence(ServerEvidenceKind.TEXT))
         flows = {direction: Flow(conversation, direction) for direction in Direction}
@@ -109,11 +99,8 @@ def _packet_comments(packet: HexPacket) -> tuple[Message, ...]:
 def text_lines(read: ChunkReader) -> Iterator[str]:
     """Yield the lines of a text without their line ends.
 
-    A text with a UTF-16 byte-order mark is decoded as UTF-16, any other text as UTF-8. Bytes that cannot be
-    decoded become U+FFFD.
-
-    Raises:
-        CaptureError: A line is longer than `LONGEST_LINE` characters. All earlier lines were yielded.
+    The text is UTF-16 if it has a byte-order mark of UTF-16, else UTF-8. Other bytes become U+FFFD. Raises
+    CaptureError at a line of more than `LONGEST_LINE` characters.
     """
     head = read(CHUNK_SIZE)
     while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):

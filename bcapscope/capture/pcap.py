@@ -20,9 +20,7 @@ MAGICS = {
 """For each magic number of a pcap file: the byte order, and the resolution of packet times in ns."""
 
 RECORD_LIMIT = 256 * 1024
-"""Largest packet in bytes. libpcap refuses larger packets for every link type that carries IP (pcap-int.h,
-MAXIMUM_SNAPLEN 262144).
-"""
+"""Largest packet in bytes, as in libpcap for every link type with IP (pcap-int.h, MAXIMUM_SNAPLEN)."""
 
 _HEADER_SIZE = 24
 _RECORD_HEADER_SIZE = 16
@@ -30,11 +28,8 @@ _LINKTYPE = 0x03FFFFFF  # higher bits hold the length of a frame check sequence 
 
 
 def read_pcap(source: ByteSource) -> Iterator[Packet]:
-    """Yield the packets of a capture that begins with one of `MAGICS`.
-
-    Raises:
-        CaptureError: The file ends inside a record, or a record claims more than `RECORD_LIMIT` bytes. Before
-            this error, the iterator yields all packets that precede the damage.
+    """Yield the packets of a capture that begins with one of `MAGICS`. Raises CaptureError after all packets
+    before an incomplete record, or one of more than `RECORD_LIMIT` bytes.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(Message("capture.cut-header", length=len(source.data)), 0)

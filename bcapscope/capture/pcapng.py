@@ -19,16 +19,13 @@ BLOCK_LIMIT = 16 * 1024 * 1024
 """Largest block in bytes, as in libpcap (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
 
 INTERFACES_LIMIT = 65536
-"""Maximum number of interfaces per section: the obsolete packet block has a 16-bit field for the interface.
-"""
+"""Maximum number of interfaces per section: the obsolete packet block has a 16-bit field for it."""
 
 LONGEST_NAME = 128
 """At most this many characters of an interface's name are kept."""
 
 COMMENTS_SIZE = 65_535
-"""Maximum total size in bytes of the comments that bcapscope reads per packet. One pcapng comment can have at
-most 65,535 bytes.
-"""
+"""Maximum total size in bytes of a packet's comments, which is also the longest option of pcapng."""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
@@ -50,11 +47,8 @@ class _InterfaceClock(NamedTuple):
 def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
-    Since a simple packet block has no time, its packet gets the time of the previous packet.
-
-    Raises:
-        CaptureError: The file ends inside a block, or a block contradicts itself. Before this error, the
-            iterator yields all packets that precede the damage.
+    A simple packet block has no time, so its packet gets the time of the previous packet. Raises CaptureError
+    after all packets before a damaged or incomplete block.
     """
     section = _Section()
     position = count = time = 0
@@ -102,8 +96,6 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
 
 
 class _Section:
-    """Parses the blocks of a section in its byte order, and keeps its interfaces."""
-
     def __init__(self) -> None:
         self.clocks: list[_InterfaceClock] = []
         self._set_byte_order("<")
@@ -135,10 +127,8 @@ class _Section:
         return size if size <= there else 0
 
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
-        """Parse the block at `position`. Return the packet in the block; None if the block contains no
-        packet.
-
-        `time` is the time of the previous packet, ns since 1970.
+        """Return the packet in the block at `position`; None if the block contains no packet. `time` is the
+        time of the previous packet, ns since 1970.
         """
         kind, _ = self._unpack("II", data, position)
         body = data[position + 8 : position + size - 4]
@@ -224,7 +214,7 @@ class _Section:
 
 
 def _tick_unit(resolution: int) -> tuple[int, int]:
-    """Return the factor and divisor that convert ticks to ns, from the interface's option if_tsresol."""
+    """Return factor and divisor that convert ticks to ns, from the interface's option if_tsresol."""
     exponent = resolution & 0x7F
     if resolution & 0x80:
         return 1_000_000_000, 1 << exponent

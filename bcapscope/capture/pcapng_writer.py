@@ -24,18 +24,13 @@ _LONGEST_OPTION = 65535
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Function that encodes the same data as two packets, and returns their pcapng blocks. A `PacketPairEncoder`
-has three arguments: the times of both packets in ns since 1970, and the data.
+"""Encodes the same data as two packets, and returns their pcapng blocks. Arguments: the times of both packets
+in ns since 1970, and the data.
 """
 
 
 class PcapngWriter:
-    """Writes a capture packet by packet. Before the first packet of an interface, it writes the description
-    of the interface.
-
-    Attributes:
-        packet_count: Number of packets written so far.
-    """
+    """Writes a capture packet by packet. An interface is described before its first packet."""
 
     def __init__(self, file: ByteSink) -> None:
         """Write the section header to `file`. If the file is buffered, the caller must flush it."""
@@ -45,11 +40,7 @@ class PcapngWriter:
         write_all(file, _block(_SECTION_BLOCK, _SECTION))
 
     def write(self, packet: Packet) -> None:
-        """Write a packet, with its time in nanoseconds. Each comment is cut to 65,535 bytes.
-
-        Raises:
-            OSError: The file cannot be written, such as on a full disk.
-        """
+        """Write a packet. Each comment is cut to 65,535 bytes. Raises OSError, such as on a full disk."""
         time, data, original, interface, comments = packet
         number = self._interfaces.get(interface)
         if number is None:
@@ -62,26 +53,20 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the blocks of `count` packets. `blocks` must come from functions that `pair_encoder`
-        returned.
-
-        Raises:
-            OSError: The file cannot be written, such as on a full disk.
-        """
+        """Write the blocks of `count` packets that functions of `pair_encoder` returned, or raise OSError."""
         self.packet_count += count
         write_all(self._file, blocks)
 
     def pair_encoder(
         self, first: tuple[Interface, bytes], second: tuple[Interface, bytes], size: int
     ) -> PacketPairEncoder:
-        """Return a function that makes the blocks of two packets in one step. Making each packet's block
-        separately takes twice as long.
+        """Return a function that makes the blocks of two packets in one step, in half the time of two steps.
 
-        `first` and `second` describe the two packets: each packet's interface, and the headers with which the
-        packet begins. The data after the headers are the same in both packets, and have `size` bytes.
+        `first` and `second` are the packets' interfaces and headers. The `size` bytes of data after the
+        headers are the same in both packets.
 
         Raises:
-            OSError: The description of a new interface cannot be written, such as on a full disk.
+            OSError: The description of a new interface cannot be written.
         """
         before, between, end = self._constant_parts(*first, size)
         begin, also, behind = self._constant_parts(*second, size)
@@ -107,8 +92,8 @@ class PcapngWriter:
         return make
 
     def _constant_parts(self, interface: Interface, head: bytes, size: int) -> tuple[bytes, bytes, bytes]:
-        """Return the three constant parts of a packet block. The block is the first part, the packet's time,
-        the second part, `size` bytes of data, and the third part.
+        """Return the parts of a packet block before the packet's time, between time and data, and after the
+        data.
         """
         number = self._interfaces.get(interface)
         if number is None:
@@ -128,14 +113,9 @@ class PcapngWriter:
 
 
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: ByteSink) -> int:
-    """Copy packets to a new capture with the user's notes as comments; return the number of packets.
+    """Copy packets with the user's notes as comments; return the number of packets. May raise OSError.
 
-    `notes` has the user's note for each packet; the key is the packet number, from 1. An empty note only
-    marks the packet.
-
-    Raises:
-        CaptureError: Reading `packets` failed.
-        OSError: The file cannot be written, such as on a full disk.
+    The key of `notes` is the packet number, from 1. An empty note only marks the packet.
     """
     writer = PcapngWriter(file)
     number = 0
@@ -153,7 +133,6 @@ MARK_COMMENT = "marked"
 
 
 def is_packet_block(block: bytes) -> bool:
-    """Return whether a written block is a packet block, not a section header or interface description."""
     return block.startswith(_PACKET_BLOCK.to_bytes(4, "little"))
 
 

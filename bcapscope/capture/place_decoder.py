@@ -5,13 +5,13 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from operator import itemgetter
 
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence
 from bcapscope.capture.packet import PacketOrigin
-from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
+from bcapscope.capture.packet_decoder import PacketComments, PacketDecoder
 from bcapscope.capture.place_plan import PlacePlan
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -22,15 +22,13 @@ from bcapscope.traffic.observation import Conversation, Observation
 class PlaceDecoder:
     """Turns the packets of several captures into observations, in chronological order.
 
-    If two captures hold the same conversation, the conversation gets a `capture_side` in each capture. A
-    `Joiner` uses `capture_side` to join the observations of the conversation. Times from the capture at the
-    controller's side are converted to the clock of the capture at the client's side. Packets are numbered
-    over all files: first files captured at the client's side, then files captured at the controller's side,
+    If two captures hold the same conversation, the conversation gets a `capture_side` in each capture; a
+    `Joiner` joins its observations. Times from the controller's side are converted to the clock at the
+    client's side. Packets are numbered over all files: first the client's side, then the controller's side,
     then all other files.
 
     Attributes:
-        note_packet: Function that receives frame and packet numbers, as in `PacketDecoder`.
-        comments: Comments of the latest packets that have comments; the key is the packet number.
+        note_packet: Receives frame and packet numbers, as in `PacketDecoder`.
     """
 
     def __init__(
@@ -40,8 +38,7 @@ class PlaceDecoder:
         ports: Collection[int],
         open_sequence: Callable[..., CaptureSequence],
     ) -> None:
-        """Prepare to decode captures. `open_sequence` opens files as a `CaptureSequence`."""
-        self.comments: dict[int, tuple[str, ...]] = {}
+        self.comments = PacketComments()
         self.note_packet: Callable[[int, int], object] = lambda frame, packet: None
         self._sources: list[_Source] = []
         base = 0
@@ -60,7 +57,6 @@ class PlaceDecoder:
 
     @property
     def counts(self) -> CaptureCounts:
-        """Numbers of packets and observations of all captures so far."""
         total = CaptureCounts()
         for each in fields(CaptureCounts):
             values = [getattr(source.decoder.counts, each.name) for source in self._sources]
@@ -78,82 +74,57 @@ class PlaceDecoder:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of all captures: first the captures that were paired because of a shared conversation, then
-        the others.
-        """
+        """Paths of all captures: first those with a shared conversation, then the others."""
         return [path for source in self._sources for path in source.sequence.paths]
 
     @property
     def position(self) -> int:
-        """Number of bytes read so far."""
         return sum(source.sequence.position for source in self._sources)
 
     @property
     def size(self) -> int | None:
-        """Size of all files in bytes; None if it is not known."""
         sizes = [source.sequence.size for source in self._sources]
         return None if None in sizes else sum(size or 0 for size in sizes)
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there; None if not known."""
         source = next(each for each in reversed(self._sources) if each.base < packet or not each.base)
         return source.sequence.origin_of(packet - source.base)
 
     def observations(self) -> Iterator[Observation]:
-        """Yield the observations of all captures.
-
-        Raises:
-            CaptureError: The function that reads the packets raised this error.
-        """
-        streams = [source.timed_observations(self._keep_comments) for source in self._sources]
+        streams = [source.timed_observations(self.comments) for source in self._sources]
         merged: Iterable[tuple[int, Observation]] = heapq.merge(*streams, key=itemgetter(0))
         note = self.note_packet
         for number, (_, observation) in enumerate(merged, 1):
             note(number, observation.packet)
             yield observation._replace(number=number)
 
-    def _keep_comments(self, packet: int, comments: tuple[str, ...]) -> None:
-        self.comments[packet] = comments
-        if len(self.comments) > COMMENTS_LIMIT:
-            del self.comments[next(iter(self.comments))]
 
-
+@dataclass(slots=True)
 class _Source:
-    """The captures that one `PacketDecoder` reads. Packet numbers continue from one `_Source` to the next:
-    `base` is the number of packets in all earlier `_Source` objects.
-    """
+    """The captures that one `PacketDecoder` reads. `base` is the number of packets in all earlier sources."""
 
-    def __init__(
-        self,
-        decoder: PacketDecoder,
-        sequence: CaptureSequence,
-        base: int,
-        sides: dict[ConversationEnds, CaptureSide],
-    ) -> None:
-        self.decoder = decoder
-        self.sequence = sequence
-        self.base = base
-        self._sides = sides
-        self._known: set[Conversation] = set()
+    decoder: PacketDecoder
+    sequence: CaptureSequence
+    base: int
+    sides: dict[ConversationEnds, CaptureSide]
+    _known: set[Conversation] = field(default_factory=set)
 
-    def timed_observations(
-        self, keep_comments: Callable[[int, tuple[str, ...]], object]
-    ) -> Iterator[tuple[int, Observation]]:
+    def timed_observations(self, kept: PacketComments) -> Iterator[tuple[int, Observation]]:
         comments, base = self.decoder.comments, self.base
         for observation in self.decoder.decode(self.sequence):
             conversation = observation.flow.conversation
             if conversation not in self._known:
                 self._known.add(conversation)
-                conversation.capture_side = self._sides.get(ends_of(conversation))
-            if comments and observation.packet in comments:
-                keep_comments(base + observation.packet, comments[observation.packet])
-            yield observation.time, observation._replace(packet=base + observation.packet)
+                conversation.capture_side = self.sides.get(ends_of(conversation))
+            packet = base + observation.packet
+            if comments and observation.packet in comments and packet not in kept:
+                kept.add(packet, comments[observation.packet])
+            yield observation.time, observation._replace(packet=packet)
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Group the `PlacePlan` objects that have conversations in common. If two ring recordings have
-    several files, each pair of files has its own `PlacePlan`. The `PlacePlan` objects in a group are in
-    chronological order.
+    """Group plans that share conversations, in chronological order. Each pair of files of two ring recordings
+    has its own plan.
     """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
@@ -166,9 +137,8 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return one dictionary for the client's side and one for the controller's side. Both dictionaries
-    have a `CaptureSide` for every conversation in `PlacePlan.shared`. Each dictionary's keys are the
-    `ConversationEnds` that were captured at the dictionary's side.
+    """Return the sides of all shared conversations: first by the ends that the client's side saw, then by the
+    ends that the controller's side saw.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

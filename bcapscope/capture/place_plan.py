@@ -29,14 +29,10 @@ from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS
 from bcapscope.traffic.observation import Direction, Observation
 
 SAMPLE_PACKETS = 20_000
-"""To compare files, bcapscope reads at most this many packets of each file. Packets of all protocols
-count.
-"""
+"""Maximum number of packets, of all protocols, to compare per file."""
 
 MAX_FILES = 100
-"""Maximum number of files that are compared to find shared conversations. Comparing more files would take too
-long.
-"""
+"""Maximum number of files to compare. Comparing more files would take too long."""
 
 FEWEST_JOINED = 2
 """A conversation in two files is joined only if both files hold at least this many equal frames."""
@@ -44,13 +40,7 @@ FEWEST_JOINED = 2
 
 @dataclass(slots=True)
 class PlaceFile:
-    """A capture file that was taken at one of two places.
-
-    Attributes:
-        begins: Time of the first packet, by the clock of this file, ns since 1970.
-        ends: Time of the last packet, by the clock of this file, ns since 1970.
-        packets: Number of packets.
-    """
+    """A capture file taken at one of two places. Times are by the file's own clock, ns since 1970."""
 
     path: str
     begins: int = 0
@@ -75,11 +65,10 @@ class PlacePlan:
 
 
 def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]:
-    """Find pairs of files that hold the same conversation. Return a `PlacePlan` for each pair. Each file
-    belongs to at most one pair.
+    """Find pairs of files that hold the same conversation. Each file belongs to at most one pair.
 
-    This function ignores files that cannot be read. bcapscope reports a file's read error later, when
-    decoding the file. This function also ignores pipes, because bcapscope can read a pipe only once.
+    Files that cannot be read are ignored here; decoding them reports the error. Pipes are ignored, because
+    they can be read only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}
@@ -96,11 +85,7 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
 
 class _Sample:
-    """Frames from the first packets of a file. Packets with a time before `begin` are ignored.
-
-    Attributes:
-        begins: Time of the first packet of the sample, ns since 1970; 0 if the sample has no packets.
-    """
+    """Frames from the first packets of a file, without packets before the time `begin`."""
 
     def __init__(self, path: str, ports: Collection[int], begin: int = 0) -> None:
         self.path = path
@@ -116,7 +101,6 @@ class _Sample:
 
     @cached_property
     def ends(self) -> int:
-        """Time of the last packet of the file, ns since 1970."""
         file = PlaceFile(self.path)
         with suppress(CaptureError), open_capture(self.path) as capture:
             deque(_counted(capture, file), maxlen=0)
@@ -142,9 +126,7 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the conversations that two files share. Compare the beginning of the later file with packets
-    from the middle of the earlier file.
-    """
+    """Compare the beginning of the later file with packets from the middle of the earlier file."""
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
         return []
@@ -157,11 +139,9 @@ def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
 
 
 def _is_at_client(shared: SharedConversation) -> bool:
-    """Return whether the first of two captures was taken nearer to the client.
-
-    A capture nearer to the client sees requests earlier and replies later. The clocks of the captures may
-    differ. The function therefore compares two time differences between the captures: `request_offset` and
-    `reply_offset`.
+    """Return whether the first of two captures was taken nearer to the client. A capture nearer to the client
+    sees requests earlier and replies later. The clocks may differ, so only the difference of the two offsets
+    counts.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -169,8 +149,6 @@ def _is_at_client(shared: SharedConversation) -> bool:
 
 
 class _Measurement:
-    """Reads two files to their ends, and finds the frames that both files hold."""
-
     def __init__(self, files: tuple[PlaceFile, PlaceFile], offset: int, ports: Collection[int]) -> None:
         self.shared: list[tuple[ConversationEnds, ConversationEnds]] = []
         self._files = files
@@ -190,8 +168,8 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation of one file with at most one conversation of the other file. Prefer two
-        conversations with the same addresses and ports, then two conversations with many equal frames.
+        """Pair each conversation with at most one of the other file. Prefer the same addresses and ports,
+        then many equal frames.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):
@@ -201,7 +179,7 @@ class _Measurement:
                 self.shared.append(ends)
 
     def _timed(self, place: CapturePlace) -> Iterator[tuple[int, CapturePlace, Observation]]:
-        """Yield the observations of a file, with approximate times by the clock at the client's side."""
+        """Yield a file's observations, with approximate times by the clock at the client's side."""
         file = self._files[place]
         with suppress(CaptureError), open_capture(file.path) as capture:
             for observation in PacketDecoder(self._ports).decode(_counted(capture, file)):
@@ -234,7 +212,6 @@ class _Measurement:
 
 
 def _counted(packets: Iterable[Packet], file: PlaceFile) -> Iterator[Packet]:
-    """Yield packets. Store the number of packets, and the first and last packet times, in `file`."""
     for packet in packets:
         file.packets += 1
         file.begins = file.begins or packet[0]

@@ -1,7 +1,4 @@
-"""Detect which end of a conversation is the controller.
-
-No field of a frame names the controller. However, ports and content usually show which end is the controller.
-"""
+"""Detect the controller of a conversation. No field names it, but ports and content usually show it."""
 
 from __future__ import annotations
 
@@ -32,28 +29,20 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
 }
-"""For each argument type in the function table, the VARIANT types that clients send. An argument declared as
-VARIANT may have any type.
-"""
+"""The types that clients send for an argument type of the function table; VARIANT allows any type."""
 
 
 HELD_ITEMS_LIMIT = 64
-"""While it is unknown which end of a conversation is the controller, bcapscope holds back each `TimedItem`.
-After this many items, bcapscope guesses which end is the controller. In real traffic, the first request or
-the first reply with S_OK identifies the controller.
-"""
+"""Number of held items after which the controller is guessed. In real traffic, one request is enough."""
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""After bcapscope has held back this many bytes of a conversation, bcapscope guesses which end is the
-controller. Frames of real sessions have less than 10 KiB. The controller can be unknown in up to 2,048
-conversations at a time.
+"""Number of held bytes after which bcapscope guesses the controller. Frames of real sessions have less than
+10 KiB, and the controller can be unknown in 2,048 conversations at a time.
 """
 
 
 def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
-    """Return the index, 0 or 1, of the port that is in `ports`; None if both ports are in `ports`, or neither
-    is.
-    """
+    """Return the index, 0 or 1, of the only port that is in `ports`; else None."""
     known = (first in ports, second in ports)
     return known.index(True) if sum(known) == 1 else None
 
@@ -61,9 +50,8 @@ def server_index_by_port(ports: Collection[int], first: int, second: int) -> int
 def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEvidence] | None:
     """Return the direction that the content proves, and the evidence; None if the content proves nothing.
 
-    A code of 0 or 0x900, and a code with the top bit set, can only be a result code. The code 1 with one
-    string as argument is Service_Start, not S_FALSE. A function id identifies a request only if the arguments
-    of the frame fit the function.
+    A code of 0 or 0x900, and a code with the top bit set, can only be a result code. A function id identifies
+    a request only if the arguments of the frame fit the function.
     """
     if isinstance(item, Malformed) or item.problems:
         return None
@@ -75,8 +63,8 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEviden
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Return whether the arguments of a frame fit the function whose number is the frame's code. A frame with
-    code 1 and no argument does not count as Service_Start, because the frame may be a reply with S_FALSE.
+    """Return whether the arguments fit the function. Code 1 without argument may be a reply with S_FALSE
+    instead of Service_Start, so it does not count.
     """
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
@@ -111,9 +99,7 @@ def is_whole_frames(data: bytes) -> bool:
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return the two endpoints in `key`. `key` is the bytes of source address, destination address, source
-    port and destination port.
-    """
+    """Return both ends of a key of source address, destination address, source port and destination port."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -133,7 +119,6 @@ class TimedItem(NamedTuple):
         began: Arrival time of the item's first byte, ns since 1970.
         time: Arrival time of the item's last byte, ns since 1970.
         packet: Number of the packet that carried the item's last byte.
-        item: The frame, or the bytes that are not a frame.
     """
 
     began: int
@@ -143,21 +128,16 @@ class TimedItem(NamedTuple):
 
 
 class UndecidedConversation:
-    """A conversation for which bcapscope may not know yet which end is the controller. While the controller
-    is unknown, this object holds the frames and malformed bytes of the conversation.
+    """A conversation that holds its frames and malformed bytes while its controller is unknown.
 
     Attributes:
         flows: Flow of each sender, by index 0 or 1; None until the controller is known.
-        is_tentative: Whether the traffic may still turn out not to be b-CAP.
+        is_tentative: Whether the conversation counts as b-CAP only if its first frame is valid.
     """
 
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
     ) -> None:
-        """Create a conversation.
-
-        If `is_tentative` is True, the conversation counts as b-CAP only if the first frame is valid.
-        """
         self._ends = ends
         self._transport = transport
         self.is_tentative = is_tentative
@@ -168,7 +148,6 @@ class UndecidedConversation:
         self.flows: tuple[Flow, Flow] | None = None
 
     def set_server(self, server: int, evidence: ServerEvidence) -> None:
-        """Store which end is the controller: `server` is the index of the controller, 0 or 1."""
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
@@ -176,9 +155,7 @@ class UndecidedConversation:
             self.record_close(sender, reset, time)
 
     def guess_server(self) -> None:
-        """If the controller is unknown, guess which end it is. Usually, the end that sends first is the
-        client.
-        """
+        """If the controller is unknown, take the end that sends first as the client."""
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
             self.set_server(1 - client, ServerEvidence(ServerEvidenceKind.GUESS))
@@ -191,10 +168,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold a frame, or malformed bytes, until `release_items` is called.
-
-        Return False if `timed_item` proves that the conversation is not b-CAP.
-        """
+        """Hold an item until `release_items`. Return False if it proves that the traffic is not b-CAP."""
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False
@@ -215,7 +189,7 @@ class UndecidedConversation:
             self.guess_server()
 
     def release_items(self) -> list[tuple[Flow, TimedItem]]:
-        """Return the items added since the previous `release_items`; [] while the controller is unknown."""
+        """Return the items added since the previous call; [] while the controller is unknown."""
         if self.flows is None or not self._held_items:
             return []
         flows, held = self.flows, self._held_items

@@ -29,7 +29,7 @@ _SMALLEST = 10_000
 """Smallest size limit, in bytes, that users can set for the files of a ring."""
 
 _BLOCK_OVERHEAD = 512
-"""While a block waits to be written, it needs this much memory (in bytes) in addition to its data."""
+"""Bytes of memory that a pending block needs in addition to its data."""
 
 _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
@@ -40,10 +40,8 @@ class RotationLimits:
 
     Attributes:
         files: Maximum number of files in the ring.
-        size: Maximum size of a file in bytes; 0 for no limit. If a file has reached this size, the next
-            packet begins a new file.
-        seconds: Maximum duration of a file in s, counted from its first packet; 0 for no limit. After this
-            duration, the next packet begins a new file.
+        size: Maximum size of a file in bytes; 0 for no limit.
+        seconds: Maximum duration of a file in s, counted from its first packet; 0 for no limit.
     """
 
     files: int
@@ -52,11 +50,7 @@ class RotationLimits:
 
 
 def parse_rotation(text: str) -> RotationLimits:
-    """Parse a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``.
-
-    Raises:
-        ValueError: The notation is invalid; the message states the reason.
-    """
+    """Parse a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``, or raise ValueError."""
     found = _ROTATION.fullmatch(text)
     if found is None or int(found[1]) < 2:
         raise ValueError(
@@ -77,17 +71,13 @@ def parse_rotation(text: str) -> RotationLimits:
 
 
 class RotatingRecording:
-    """Writes a recording to one file or to a ring of files. Blocks are pending until `flush` writes all of
-    them together.
+    """Writes a recording to one file or to a ring of files. Blocks are pending until `flush` writes them.
 
-    One thread may add packets while another thread calls `flush`, but only if the recording is one file.
-
-    The caller calls `rotate_if_full` before each packet. A ring begins a new file, and removes its oldest
-    file, only when there is a packet to write.
+    One thread may add packets while another thread calls `flush`, but only if the recording is one file. The
+    caller calls `rotate_if_full` before each packet.
 
     On a full disk, a ring removes its oldest file and continues. Each file takes at most half of the disk
-    space that was free when the file began. Therefore the ring always has an older file to remove when the
-    disk is full.
+    space that was free when the file began, so the ring always has an older file to remove.
 
     Attributes:
         recording: Writer of packets to the current file.
@@ -95,16 +85,10 @@ class RotatingRecording:
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file. `path` must not exist yet, or must be a named pipe that another program
-        reads.
+        """Create the first file, or raise OSError. Without `limits`, it is the only file.
 
-        Without `limits`, the first file is the only file.
-
-        The names of a ring's files contain the number of the file, and the date and time at which the file
-        began.
-
-        Raises:
-            OSError: The file cannot be written.
+        `path` must not exist yet, or must be a named pipe that another program reads. The names of a ring's
+        files contain the number of the file, and the date and time at which the file began.
         """
         self._path = path
         self._limits = limits
@@ -119,10 +103,7 @@ class RotatingRecording:
         self._write_file_header()
 
     def write(self, data: bytes | bytearray | memoryview, /) -> int:
-        """Add whole pcapng blocks. The next `flush` writes the blocks to the file.
-
-        After `close`, added blocks are dropped.
-        """
+        """Add whole pcapng blocks, which the next `flush` writes. After `close`, added blocks are dropped."""
         if not self._is_closed:
             self._pending.append(bytes(data))
             self._added += len(data)
@@ -134,18 +115,11 @@ class RotatingRecording:
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets in the pending blocks. `packets_pending` is correct only if each call of `write`
-        added exactly one block.
-        """
+        """Number of packets in the pending blocks, if each call of `write` added exactly one block."""
         return sum(map(is_packet_block, self._pending.copy()))
 
     def flush(self) -> None:
-        """Write all pending blocks to the file.
-
-        Raises:
-            OSError: The file cannot be written, such as on a full disk. After this error, the file holds only
-                the blocks of earlier flushes.
-        """
+        """Write all pending blocks. After OSError, the file holds only the blocks of earlier flushes."""
         count = len(self._pending)
         if not count:
             return
@@ -161,12 +135,8 @@ class RotatingRecording:
         self._size += len(data)
 
     def _try_write(self, data: bytes) -> bool:
-        """Write all of `data`, or nothing if the disk is full.
-
-        Return False if the disk was full and the ring's oldest file was removed; the caller then tries again.
-
-        Raises:
-            OSError: The file cannot be written, and no file can be removed.
+        """Write all of `data`. If the disk is full, write nothing, remove the ring's oldest file and return
+        False. Raise OSError if no file can be removed.
         """
         try:
             write_all(self._file, data)
@@ -180,9 +150,8 @@ class RotatingRecording:
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """If the disk is full, remove the ring's oldest file. Never leave fewer than `kept` files.
-
-        Return whether a file was removed.
+        """If the disk is full and more than `kept` files exist, remove the ring's oldest file and return
+        True.
         """
         if self._limits is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
             return False
@@ -195,7 +164,7 @@ class RotatingRecording:
             self._files.popleft().unlink()
 
     def rotate_if_full(self) -> bool:
-        """Begin the next file of a ring if the current file is full; return whether a new file began."""
+        """Begin the ring's next file if the current file is full; return whether a new file began."""
         bounds = self._limits
         if bounds is None or not self._is_full(bounds):
             return False
@@ -265,10 +234,8 @@ class RotatingRecording:
 
 
 def is_named_pipe(path: Path) -> bool:
-    """Return whether `path` is a named pipe that exists.
-
-    On Windows, this function checks only the text of `path`. A call of `stat` would open the pipe, but
-    Wireshark's pipe can be opened only once.
+    """Return whether `path` is a named pipe. Only the text of `path` is checked on Windows, where `stat`
+    would open the pipe, and Wireshark's pipe can be opened only once.
     """
     if sys.platform == "win32":
         return str(path).startswith("\\\\.\\pipe\\")
@@ -279,9 +246,6 @@ def is_named_pipe(path: Path) -> bool:
 
 
 def _open_named_pipe(path: Path) -> io.FileIO:
-    """Open a named pipe for writing. Raise OSError if opening fails, for example because no program reads the
-    pipe.
-    """
     if sys.platform == "win32":
         return io.FileIO(os.open(path, os.O_WRONLY | os.O_BINARY), "wb")
     try:
@@ -293,7 +257,6 @@ def _open_named_pipe(path: Path) -> io.FileIO:
 
 
 def _free_bytes(path: Path) -> int:
-    """Return the number of free bytes on a file's disk, or a large number if the system cannot report it."""
     try:
         return shutil.disk_usage(path.parent).free
     except OSError:

@@ -19,34 +19,28 @@ from enum import IntEnum
 from typing import Any, BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
-"""Head of a record, little-endian: kind, number, and size of the data in bytes. In a `PACKET` record, the
-field "number" holds the time in ns since 1970-01-01 UTC. In a `READY` record, the field "number" holds the
-link type.
+"""Head of a record: kind, number, and size of the data in bytes. The number is the time in ns since 1970 of a
+`PACKET`, and the link type of a `READY`.
 """
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that one read waits for a packet. After each read, bcapscope handles Ctrl-C. After a read
-without a packet, the sniffer process writes an `ALIVE` record; this write fails if bcapscope has ended.
+"""Maximum time in s that a read waits. bcapscope then handles Ctrl-C; the sniffer writes `ALIVE`, which fails
+if bcapscope has ended.
 """
 
 
 class SnifferRecordKind(IntEnum):
     READY = 0
-    """Capturing has begun; the number in the record's head is the link type."""
     PACKET = 1
-    """A packet follows."""
     ALIVE = 2
     """No packet came for `READ_TIMEOUT`."""
     FORBIDDEN = 3
-    """The process has no permission to capture."""
     ENDED = 4
     """The capture ended; the record's data is the reason as UTF-8."""
 
 
 def captured_packets(scapy_socket: Any) -> Iterator[tuple[int, bytes] | None]:
-    """Yield each packet as time (ns since 1970) and bytes; yield None after each `READ_TIMEOUT` without a
-    packet.
-    """
+    """Yield time (ns since 1970) and bytes of each packet; None after a `READ_TIMEOUT` without packet."""
     while True:
         if not scapy_socket.select([scapy_socket], READ_TIMEOUT):
             yield None

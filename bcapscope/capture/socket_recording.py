@@ -1,8 +1,7 @@
 """Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools can read.
 
-A socket shows neither IP nor transport headers. The recording therefore has artificial headers, with the real
-addresses and ports. Each recorded TCP segment holds the bytes of one send or receive. Acknowledgements are
-not recorded.
+The headers are artificial, with the real addresses and ports, because a socket shows none. Each TCP segment
+holds the bytes of one send or receive. Acknowledgements are not recorded.
 """
 
 from __future__ import annotations
@@ -28,12 +27,10 @@ _UNNAMED_INTERFACE = Interface(RAW_IP)
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MAX_SEGMENT_BYTES = 60_000
-"""Maximum number of bytes in a recorded TCP segment. bcapscope splits longer data into several packets."""
+"""Maximum number of bytes in a recorded TCP segment. Longer data becomes several packets."""
 
 _SEQUENCE_NS = 4000
-"""Time in ns in which the initial sequence number of new TCP connections increases by one. If a client uses
-its port again, the new connection starts with a higher sequence number (RFC 9293, 3.4.1).
-"""
+"""Time in ns in which the initial sequence number grows by one, as in RFC 9293, 3.4.1."""
 
 _MAX_HEADERS = 4096
 """Maximum number of cached datagram headers, and of cached pairs of addresses."""
@@ -45,17 +42,10 @@ _SEGMENT = struct.Struct(">HHIIHHHH")
 
 
 class SocketRecording:
-    """Writes the data that sockets send and receive to a capture, packet by packet.
-
-    In all methods, `time` is in ns since 1970. The name of `interface` is shown to users. `comment` becomes
-    the comment of the packet.
-    """
+    """Writes the data that sockets send and receive to a capture. Times are in ns since 1970."""
 
     def __init__(self, file: ByteSink) -> None:
-        """Write the header of the capture to `file`.
-
-        The file must be unbuffered, or the caller must flush it.
-        """
+        """Write the header of the capture to `file`. If `file` is buffered, the caller must flush it."""
         self._sequence: dict[tuple[Address, Address], int] = {}
         self._writer = PcapngWriter(file)
 
@@ -68,7 +58,6 @@ class SocketRecording:
         self._writer = PcapngWriter(file)
 
     def write_packet(self, packet: Packet) -> None:
-        """Write a captured packet with the headers that it really had."""
         self._writer.write(packet)
 
     def write_datagram(
@@ -87,8 +76,7 @@ class SocketRecording:
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
         """Return a function that encodes a datagram of `size` bytes as two packets, one for each of two hops.
 
-        `write_blocks` writes the encoded packets. Do not use the returned function after a call of
-        `continue_in`.
+        `write_blocks` writes the encoded packets. The function is invalid after `continue_in`.
         """
         first, second = (
             (where, _datagram_header(source, target, size)) for source, target, where in (incoming, outgoing)
@@ -96,9 +84,7 @@ class SocketRecording:
         return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write the encoded datagrams in `blocks`. `pairs` is the number of datagrams; each datagram has two
-        packets. `blocks` must come from functions that `datagram_pair_encoder` returned.
-        """
+        """Write datagrams that functions of `datagram_pair_encoder` encoded, each as two packets."""
         self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(
@@ -138,11 +124,9 @@ class SocketRecording:
         reset: bool = False,
         comment: str = "",
     ) -> None:
-        """Record that one end closes a TCP connection: write a FIN, or a RST if `reset` is True."""
         self._write_tcp(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:
-        """Drop the state of a closed TCP connection."""
         for ends in ((client, server), (server, client)):
             self._sequence.pop(ends, None)
 
@@ -172,7 +156,6 @@ def _datagram_header(source: Address, target: Address, size: int) -> bytes:
 
 
 def _ip_header(source: Address, target: Address, protocol: int, size: int) -> bytes:
-    """Return the IP header of a packet. It is an IPv6 header if one of the hosts has an IPv6 address."""
     addresses, total = _addresses_and_sum(source[0], target[0])
     if len(addresses) > 8:
         return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, addresses)
@@ -185,7 +168,6 @@ def _ip_header(source: Address, target: Address, protocol: int, size: int) -> by
 
 @lru_cache(_MAX_HEADERS)
 def _addresses_and_sum(source: str, target: str) -> tuple[bytes, int]:
-    """Return the address bytes of an IP header, and the sum of the 16-bit words in these bytes."""
     ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
     wide = any(end.version == 6 for end in ends)
     addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)
@@ -193,5 +175,5 @@ def _addresses_and_sum(source: str, target: str) -> tuple[bytes, int]:
 
 
 def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:
-    """Return the 16 bytes of an IPv6 address; an IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
+    """Return 16 bytes; an IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
     return address.packed if address.version == 6 else bytes(10) + b"\xff\xff" + address.packed

@@ -22,19 +22,15 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""bcapscope follows at most this many TCP connections at a time. Beyond this number, bcapscope stops
-following the connection that was idle longest.
-"""
+"""Maximum number of TCP connections at a time. Beyond it, the connection idle longest is given up."""
 
 
 _HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 
 
 class _TrackedConnection:
-    """A TCP connection, its two ends and its conversation.
-
-    Each key in `keys` holds the addresses and ports in packets from one sender. The first key belongs to
-    sender 0. `keys` holds only one key if both ends have the same address and port, as in a forged packet.
+    """A TCP connection and its conversation. The first of the `keys` belongs to sender 0; it is the only one
+    if both ends are the same, as in a forged packet.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
@@ -50,10 +46,8 @@ class TcpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Create an object that follows no connection yet.
-
-        An end whose port is in `ports` is a controller. The object updates `contradictions` and `not_bcap` in
-        `counts`.
+        """An end whose port is in `ports` is a controller. `contradictions` and `not_bcap` in `counts` are
+        updated.
         """
         self._ports = ports
         self._counts = counts
@@ -65,10 +59,8 @@ class TcpConversations:
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a TCP segment, and return each `TimedItem` that can now be assigned to a `Flow`.
-
-        `key` is the bytes of source address, destination address, source port and destination port, as in the
-        packet.
+        """Accept a TCP segment, and return each item that now has a flow. `key` is source address,
+        destination address, source port and destination port, as in the packet.
         """
         known = self._connections.get(key)
         if known is not None:
@@ -97,8 +89,8 @@ class TcpConversations:
     def _receive_in_order(
         self, tracked: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
-        """Accept the next segment of a known conversation. This is a fast path. Return None if `_receive_any`
-        must handle the segment.
+        """Fast path for the next segment of a known conversation. Return None if `_receive_any` must handle
+        it.
         """
         conversation = tracked.conversation
         flows = None if conversation is None or conversation.is_tentative else conversation.flows
@@ -160,8 +152,7 @@ class TcpConversations:
     def _end_connection(
         self, tracked: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        # both keys are equal if a forged packet has the same source and destination
-        for key in set(tracked.keys):
+        for key in tracked.keys:
             del self._connections[key]
         self._counts.contradictions += sum(each.contradictions for each in tracked.connection.streams)
         if tracked.conversation is None:
@@ -177,10 +168,8 @@ class TcpConversations:
 def _recognise_bcap(
     tracked: _TrackedConnection, sender: int, segment: TcpSegment
 ) -> UndecidedConversation | None:
-    """Return a conversation if a segment between unknown ports looks like b-CAP; else None.
-
-    The first segment of a stream must begin like a frame. A later segment of a stream must begin with a
-    whole, undamaged frame.
+    """Return a conversation if a segment between unknown ports looks like b-CAP. The first segment must begin
+    like a frame, a later one with a whole, undamaged frame.
     """
     if not may_begin_frame(segment.data):
         return None

@@ -18,20 +18,15 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
 
 REORDER_LIMIT = 1024 * 1024
-"""While a segment of one direction is missing, at most this many later bytes are held back. The TCP windows
-of controllers and their clients stay below 64 KiB. The limit of Suricata is also 1 MiB
-(stream.reassembly.depth).
+"""Maximum number of bytes held back while an earlier segment is missing, as in Suricata
+(stream.reassembly.depth). TCP windows of controllers and clients stay below 64 KiB.
 """
 
 ACK_LIMIT = 1 << 30
-"""bcapscope ignores an acknowledgement that is more than this many bytes ahead of the delivered data.
-`ACK_LIMIT` is the size of the largest TCP window (RFC 7323, 2.3).
-"""
+"""An acknowledgement further ahead, in bytes, is ignored: no TCP window is larger (RFC 7323, 2.3)."""
 
 MARKS_LIMIT = 128
-"""For one incomplete frame, the arrival times of at most this many segments are kept separately. All streams
-together keep at most 25 MB of arrival times.
-"""
+"""Maximum number of separate arrival times per incomplete frame; 25 MB for all streams together."""
 
 _SEGMENT_COST = 128  # memory in bytes that a held segment needs in addition to its content
 _RECENT = 16  # number of latest segments of a stream with which a retransmission is compared
@@ -47,8 +42,7 @@ class TcpSegment(NamedTuple):
     Attributes:
         flags: Bits of `FIN`, `SYN`, `RST` and `ACK`.
         seq: Sequence number of the first byte, or of the SYN.
-        ack: Sequence number that the segment's sender expects next; valid if `ACK` is set.
-        data: Captured bytes of the segment's content.
+        ack: Sequence number that the sender expects next; valid if `ACK` is set.
         missing: Number of content bytes after `data` that the capture lacks.
     """
 
@@ -60,10 +54,7 @@ class TcpSegment(NamedTuple):
 
 
 def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
-    """Parse the payload of an IP packet as a TCP segment; return None if the header is invalid.
-
-    `missing` is the number of bytes that the capture lacks after `payload`.
-    """
+    """Parse an IP payload, whose last `missing` bytes the capture lacks; None if the header is invalid."""
     if len(payload) < 20:
         return None
     seq, ack, offset, flags = _HEADER.unpack_from(payload)
@@ -75,8 +66,6 @@ def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
 
 
 class _StreamPart(NamedTuple):
-    """Consecutive bytes of a stream, with their offset, arrival time and packet number."""
-
     start: int
     data: bytes
     time: int
@@ -97,10 +86,8 @@ class TcpStream:
 
     Attributes:
         begun: Whether the first sequence number of the stream is known.
-        closed: Whether the stream has ended; later bytes are retransmissions, or belong to another
-            connection.
-        contradictions: Number of retransmissions whose content differs from the first transmission. If a
-            retransmission differs, the content that arrived first is kept.
+        closed: Whether the stream has ended; later bytes are retransmissions, or of another connection.
+        contradictions: Number of retransmissions whose content differs; the first transmission is kept.
     """
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
@@ -116,10 +103,7 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start the stream at the sequence number of the first captured byte.
-
-        If `from_start` is True, the capture holds the SYN, so the first captured byte is the first byte sent.
-        """
+        """Start at the first captured byte, which is the first byte sent if `from_start` is True."""
         self.begun = True
         self._first_seq = seq
         self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
@@ -128,7 +112,6 @@ class TcpStream:
         return self.begun and seq == self._first_seq
 
     def is_ahead(self, seq: int) -> bool:
-        """Return whether the sequence number `seq` is beyond all delivered bytes."""
         return self._offset_of(seq) >= self._next_offset
 
     @property
@@ -139,8 +122,7 @@ class TcpStream:
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
         """Fast path: accept a segment that comes next in the stream and holds exactly one frame.
 
-        Call this method only while `is_waiting` is False. If this method returns None, the stream has not
-        changed; call `receive` with the same segment.
+        Call this only while `is_waiting` is False. After None, the stream is unchanged; call `receive`.
         """
         _, seq, _, data, _ = segment
         if (
@@ -189,7 +171,6 @@ class TcpStream:
         return []
 
     def close(self, time: int, packet: int) -> list[TimedItem]:
-        """End the stream and return all held bytes, gaps and unfinished frames as items."""
         if self.closed:
             return []
         found: list[TimedItem] = []
@@ -209,9 +190,7 @@ class TcpStream:
         return found
 
     def _offset_of(self, seq: int) -> int:
-        """Return the offset of a sequence number. Sequence numbers wrap at 32 bits, so the offset nearest to
-        the next expected byte is returned.
-        """
+        """Return the offset nearest to the next expected byte, because sequence numbers wrap at 32 bits."""
         ahead = (seq - self._first_seq - self._next_offset) & 0xFFFFFFFF
         return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
 
@@ -231,18 +210,17 @@ class TcpStream:
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
-        unchanged.
+        """Merge each pair of adjacent arrival marks, except the first, into one mark with the later time.
 
-        The first and the last `_ArrivalMark` give the times of a long frame. The arrival marks in between
-        matter only if a wrong length field made several frames look like one.
+        The first and the last mark give the times of a long frame. The marks in between matter only if a
+        wrong length field made several frames look like one.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
         self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
 
     def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
-        """Deliver the held bytes that are now in order, and skip gaps that no further segment will fill."""
+        """Deliver the held bytes that are now in order, and skip gaps that no segment will fill."""
         found = self._drain_ready()
         while self._ahead and (self._acknowledged >= self._ahead[0].start or self._is_over_limit):
             found += self._skip_lost(self._ahead[0].start, time, packet)
@@ -306,9 +284,7 @@ class TcpStream:
                 return
 
     def _with_times(self, pieces: list[StreamPiece], time: int, packet: int) -> list[TimedItem]:
-        """Give each frame the arrival times of its segments, and each gap the time at which the gap was
-        detected.
-        """
+        """Give each frame the times of its segments, and each gap the time at which it was detected."""
         found = []
         marks = self._marks
         for start, stop, item in pieces:
@@ -329,19 +305,13 @@ class TcpStream:
 
 
 class TcpConnection:
-    """Both directions of a TCP connection.
-
-    Attributes:
-        streams: The streams of sender 0 and sender 1.
-        server: Index of the end that accepted the connection; None if the handshake was not captured.
-    """
+    """Both directions of a TCP connection. `server` is the end that accepted it; None if it is unknown."""
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
         self.server: int | None = None
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
-        """Return whether a segment begins a new connection between the same ports."""
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & SYN:
             first = (segment.seq + 1) & 0xFFFFFFFF
@@ -351,10 +321,9 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Fast path for nearly all segments: accept a segment that is in order and holds one frame or no
-        data.
+        """Fast path for segments in order that hold one frame or no data, which are nearly all.
 
-        If this method returns None, the connection has not changed; call `receive` with the same segment.
+        After None, the connection is unchanged; call `receive` with the same segment.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:
@@ -372,9 +341,7 @@ class TcpConnection:
     def receive(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[int, TimedItem]]:
-        """Accept a segment; return the items that are now complete, each with the index, 0 or 1, of its
-        sender.
-        """
+        """Accept a segment; return the items that are now complete, each with the index of its sender."""
         own, other = self.streams[sender], self.streams[1 - sender]
         found = []
         if segment.flags & ACK and other.begun:
@@ -394,7 +361,7 @@ class TcpConnection:
         return found
 
     def close(self, time: int, packet: int) -> list[tuple[int, TimedItem]]:
-        """End both directions; return their remaining items, each with the index, 0 or 1, of its sender."""
+        """End both directions; return their remaining items, each with the index of its sender."""
         return [
             (sender, sighting)
             for sender, stream in enumerate(self.streams)

@@ -1,8 +1,7 @@
-"""Unpack tunnels: an IP packet inside another IP packet. Switches and capture probes send mirrored traffic in
-this form.
+"""Unpack tunnels, in which switches and capture probes send mirrored traffic.
 
-bcapscope unpacks IP in IP (RFC 2003, RFC 2473, RFC 4213), GRE (RFC 2784, RFC 2890) and VXLAN (RFC 7348). GRE
-can also carry Ethernet frames and ERSPAN of types I, II and III (draft-foschiano-erspan-03).
+IP in IP (RFC 2003, RFC 2473, RFC 4213), GRE (RFC 2784, RFC 2890), VXLAN (RFC 7348). GRE can also carry
+Ethernet frames and ERSPAN of types I, II and III (draft-foschiano-erspan-03).
 """
 
 from __future__ import annotations
@@ -10,8 +9,7 @@ from __future__ import annotations
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, IPPacket, find_ip, read_ip
 
 DEEPEST_TUNNEL = 8
-"""Maximum number of tunnels nested inside each other. Mirrored traffic has one or two tunnels; a hostile
-packet could have thousands.
+"""Maximum number of nested tunnels. Mirrored traffic has one or two; a hostile packet could have thousands.
 """
 
 _IPV4_IN_IP, _UDP, _IPV6_IN_IP, _GRE = 4, 17, 41, 47
@@ -22,21 +20,16 @@ _BRIDGED_ETHERNET, _ERSPAN, _ERSPAN_3 = 0x6558, 0x88BE, 0x22EB
 _ERSPAN_2_SIZE, _ERSPAN_3_SIZE, _ERSPAN_PLATFORM_SIZE = 8, 12, 8
 _ERSPAN_3_IP = 2
 
-_VXLAN_PORTS = frozenset({4789, 8472})
-"""Ports of VXLAN: the port that IANA assigned, and the older default port of Linux."""
+_VXLAN_PORTS = frozenset({4789, 8472})  # assigned by IANA; older default of Linux
 
 _VXLAN_FLAG = 0x08
-"""Flag in the first byte of the VXLAN header: the network identifier is valid. bcapscope checks no other
-flag, because extensions of VXLAN define their own flags.
-"""
+"""Flag in the first byte: the network identifier is valid. Extensions of VXLAN define the other flags."""
 
 _UDP_HEADER_SIZE, _VXLAN_SIZE = 8, 8
 
 
 def packet_in_tunnel(packet: IPPacket) -> IPPacket | None:
-    """Return the inner IP packet of `packet`; None if `packet` contains no other IP packet. `packet` must not
-    be a fragment.
-    """
+    """Return the inner IP packet of `packet`, which must not be a fragment; None if there is none."""
     payload = packet.payload
     if packet.protocol == _UDP:
         return _in_vxlan(payload)

@@ -18,32 +18,24 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, Transport
 
 FLOWS_LIMIT = 65536
-"""At most this many flows are remembered. A controller accepts at most twenty clients (orin_bcap
-C/src/bCAPServer/bcap_server.c).
-
-If the flow of a client was dropped and the client returns, its traffic becomes a new conversation."""
+"""Maximum number of flows. A controller accepts at most twenty clients (orin_bcap
+C/src/bCAPServer/bcap_server.c). A client that returns after its flow was dropped begins a new conversation.
+"""
 
 UNDECIDED_LIMIT = 1024
-"""Maximum number of UDP conversations for which bcapscope does not know which end is the controller. At this
-maximum, bcapscope guesses the controller of the conversation whose controller has been unknown longest.
+"""Maximum number of conversations with unknown controller. Beyond it, the oldest one's controller is guessed.
 """
 
 
 class UdpConversations:
-    """All UDP conversations of a capture.
-
-    Attributes:
-        flows: Flow of each b-CAP conversation whose controller is known. The key is the bytes of source
-            address, destination address, source port and destination port, as in a packet.
+    """All UDP conversations of a capture. The keys of `flows` are source address, destination address, source
+    port and destination port, as in a packet.
     """
 
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Create an object that knows no conversation yet.
-
-        An end whose port is in `ports` is a controller. `counts` counts datagrams that are not b-CAP.
-        """
+        """An end whose port is in `ports` is a controller. `counts` counts datagrams that are not b-CAP."""
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
         self._counts = counts
@@ -53,11 +45,11 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, arrival: tuple[int, int, int], note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a UDP datagram with its 8-byte header. Return the new and the held `TimedItem` objects of
-        each conversation whose controller is now known.
+        """Accept a UDP datagram with its 8-byte header. Return its items and the held items that now have a
+        flow.
 
-        `arrival` is a tuple of three fields of a `TimedItem`: `began`, `time` and `packet`. `note` is the
-        reason why the datagram is incomplete; None for a whole datagram.
+        `arrival` is `began`, `time` and `packet` of a `TimedItem`. `note` is the reason why the datagram is
+        incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
@@ -83,9 +75,7 @@ class UdpConversations:
         return found + self._release_items(key, talk, sender)
 
     def close(self) -> list[tuple[Flow, TimedItem]]:
-        """Guess the controller of each conversation whose controller is unknown. Return the items that were
-        held.
-        """
+        """Guess each unknown controller, and return the items that were held."""
         found: list[tuple[Flow, TimedItem]] = []
         while self._undecided:
             found += self._guess_oldest()

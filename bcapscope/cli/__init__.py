@@ -1,7 +1,4 @@
-"""The command line: one module per command, imported when the command is called.
-
-Commands print data to stdout and all other text to stderr. `common.exit_codes` defines the exit codes.
-"""
+"""The command line: one module per command. Data goes to stdout, all other text to stderr."""
 
 from __future__ import annotations
 
@@ -50,9 +47,8 @@ _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _LONGEST_MESSAGE = 2000  # maximum number of characters of an error message, which can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
-"""Thresholds of Python's garbage collector, so high that the collector runs rarely. Frames and calls form no
-reference cycles, so Python frees their memory without the garbage collector. With lower thresholds, garbage
-collection took 5 % of the run time.
+"""Thresholds at which the garbage collector runs rarely: frames and calls form no reference cycles. With
+lower thresholds, garbage collection took 5 % of the run time.
 """
 
 
@@ -65,9 +61,9 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS and cmd_name not in _HIDDEN_COMMANDS:
             return None
-        module = importlib.import_module(f"bcapscope.cli.{cmd_name}")
-        command = module.command
+        command = importlib.import_module(f"bcapscope.cli.{cmd_name}").command
         assert isinstance(command, click.Command)
+        command.short_help = _COMMANDS.get(cmd_name)
         return command
 
     def invoke(self, ctx: click.Context) -> Any:

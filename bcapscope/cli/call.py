@@ -6,7 +6,7 @@ import shlex
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import partial
 from typing import IO, Any, TextIO
@@ -33,6 +33,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Object
 from bcapscope.protocol.tables.variables import find_variable
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.call_code import NAMED_OWNERS
+from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.reply_text import reply_line, reply_record
@@ -49,19 +50,13 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 
 class _ScriptFile(click.File):
-    """Argument type for a text file or standard input. If standard input is closed, the user gets a usage
-    error.
-    """
-
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
             self.fail("standard input is closed; give a file", param, ctx)
         return super().convert(value, param, ctx)
 
 
-@click.command(
-    short_help="Call functions of a controller.", context_settings={"ignore_unknown_options": True}
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @target_options
 @click.argument("typed", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
 @click.option(
@@ -131,47 +126,32 @@ def command(
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
     names = {owner: name for owner in NAMED_OWNERS if (name := named[owner.lower()]) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
-    calls = _CallRunner(target, names, words, armed=arm, dump=dump, as_json=as_json, color=color)
+    calls = _CallRunner(target, names, words, arm, dump, as_json, choose_palette(color))
     with exit_on_failure(target, words), usage_error_on(ValueError):
         code = run_interruptible(calls.run(requests))
     sys.exit(code)
 
 
+@dataclass(slots=True)
 class _CallRunner:
-    """Makes all calls of the command line in one session, and prints their replies."""
-
-    def __init__(
-        self,
-        target: ControllerTarget,
-        names: Mapping[ObjectClass, str],
-        words: MessageFormatter,
-        *,
-        armed: bool,
-        dump: bool,
-        as_json: bool,
-        color: str,
-    ) -> None:
-        self._target = target
-        self._names = names
-        self._words = words
-        self._armed = armed
-        self._dump = dump
-        self._as_json = as_json
-        self._palette = choose_palette(color)
-        self._packets: list[Observation] = []
-        self._log: ArmedCallLogger | None = None
+    target: ControllerTarget
+    names: Mapping[ObjectClass, str]
+    words: MessageFormatter
+    armed: bool
+    dump: bool
+    as_json: bool
+    palette: Palette
+    _packets: list[Observation] = field(default_factory=list)
+    _log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        """Make the calls one after another, and stop at the first failure.
-
-        With --arm, the action log records the calls that need arming.
-        """
+        """Make the calls, and stop at the first failure. With --arm, the action log records armed calls."""
         with ExitStack() as stack:
-            if self._armed:
-                connection = LoggedConnection.of_target(self._target)
+            if self.armed:
+                connection = LoggedConnection.of_target(self.target)
                 self._log = stack.enter_context(log_armed_calls("call", connection))
-            async with open_target_session(self._target, observer=self._on_packet) as session:
-                opener = ObjectOpener(session, self._target, self._names)
+            async with open_target_session(self.target, observer=self._on_packet) as session:
+                opener = ObjectOpener(session, self.target, self.names)
                 for request in requests:
                     arguments = await request.arguments(opener)
                     if not await self._is_allowed(request, arguments, opener):
@@ -192,14 +172,14 @@ class _CallRunner:
         self, request: PlannedCall, arguments: Sequence[Variant], opener: ObjectOpener
     ) -> bool:
         function_id = request.function.id
-        if self._armed or not opener.session.needs_arming(function_id, arguments):
+        if self.armed or not opener.session.needs_arming(function_id, arguments):
             return True
-        self._armed = await opener.is_simulator()
-        if not self._armed:
-            name, host = call_name(function_id, arguments), self._target.host
-            unsent = self._words("call.not-sent", call=name, reason=unarmed_reason(host))
+        self.armed = await opener.is_simulator()
+        if not self.armed:
+            name, host = call_name(function_id, arguments), self.target.host
+            unsent = self.words("call.not-sent", call=name, reason=unarmed_reason(host))
             print_stderr(printable(f"bcapscope: {unsent}"))
-        return self._armed
+        return self.armed
 
     def _print_answer(
         self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
@@ -210,32 +190,26 @@ class _CallRunner:
             self._print_packets()
             raise CallTimeout(name, settled.attempts)
         reply, attempts, took = settled.reply, settled.attempts, settled.elapsed
-        if self._as_json:
+        if self.as_json:
             seen = next(each for each in reversed(self._packets) if each.item is reply)
             call_kind = CallKind(function_id, name.partition(" ")[2] or None)
             echo(reply_record(seen, call_kind, took, attempts))
         else:
-            echo(
-                reply_line(name, function_id, reply, took, attempts, palette=self._palette, words=self._words)
-            )
+            echo(reply_line(name, function_id, reply, took, attempts, palette=self.palette, words=self.words))
         self._print_packets()
 
     def _print_packets(self) -> None:
-        for seen in self._packets if self._dump else ():
+        for seen in self._packets if self.dump else ():
             sent = seen.flow.direction is Direction.REQUEST
             peer = str(seen.flow.dst if sent else seen.flow.src)
-            echo(f"  {self._words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}")
-            for line in hexdump(seen.item.raw, palette=self._palette):
+            echo(f"  {self.words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}")
+            for line in hexdump(seen.item.raw, palette=self.palette):
                 echo(f"  {line}")
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. `values` are the arguments of the call without the handle.
-
-    If `opens_object` is True, the method `arguments` puts the handle of an object before `values`. If the
-    client has no such handle yet, the method `arguments` opens an object.
-    """
+    """A call to make. `values` are its arguments, without the handle if `opens_object` is True."""
 
     function: Function
     values: tuple[Variant, ...]
@@ -251,16 +225,11 @@ class PlannedCall:
 
 class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
-        """Parse calls to `target`. `variable_name` is the name of the variable that the calls use."""
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
     def parse(self, words: Sequence[str]) -> PlannedCall:
-        """Parse one call.
-
-        Raises:
-            click.UsageError: the function is unknown, or the arguments do not match it.
-        """
+        """Parse one call. Raises click.UsageError for an unknown function or wrong arguments."""
         name, *texts = words
         function = function_by_name(name)
         if function is None:
@@ -285,11 +254,8 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Parse one call per line. Each line follows the quoting rules of a POSIX shell. The parser skips
-        empty lines and # comments.
-
-        Raises:
-            click.UsageError: a line is invalid, too long, or not UTF-8.
+        """Parse one call per line by the quoting rules of a POSIX shell, or raise click.UsageError. Empty
+        lines and # comments are skipped.
         """
         requests = []
         number = 1
@@ -310,12 +276,7 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check that each call that needs an object has one: the user named the object with an option, or an
-    earlier call opens it.
-
-    Raises:
-        click.UsageError: a call needs an object that is neither named nor opened.
-    """
+    """Raise click.UsageError if a call needs an object that is neither named nor opened earlier."""
     always = {*_NAMELESS_OWNERS, *named}
     known = set(always)
     for request in requests:
@@ -333,9 +294,6 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed a handle as the first argument. If the user typed no handle, `call` adds
-    the handle.
-    """
     if len(texts) < len(params):
         return False
     try:
@@ -359,7 +317,6 @@ def _names_of(params: Sequence[Param]) -> str:
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
-    """Return the types that a variable of one of the `owners` can have; () if the variable is unknown."""
     known = (find_variable(owner, variable_name) for owner in owners)
     return next((kind.types for kind in known if kind), ())
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option
@@ -31,7 +30,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 _MAX_SESSIONS_LISTED = 8
 
 
-@click.command(short_help="Show calls: each request with its retries and reply, one line per call.")
+@click.command()
 @options.paths
 @options.interface
 @options.ports
@@ -132,8 +131,6 @@ def _call_lines(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """Collects the selected calls, each with the object to which its handle refers."""
-
     needs_targets = True
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
@@ -158,8 +155,8 @@ class _ShownCalls(PipelineSubscriber):
             self._items.append((stray, None))
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the selected calls. If there is no filter, also yield stray replies, between the calls."""
-        return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
+        """Yield the selected calls and, without a filter, stray replies."""
+        return self._reader.read_items(self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         for item, subject in self.all_items():
@@ -175,9 +172,7 @@ class _ShownCalls(PipelineSubscriber):
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print how many replies were stray, and how many packets were captured twice. List the sessions
-        whose `is_clean` is False.
-        """
+        """Print numbers of stray replies and packets captured twice, and the unclean sessions."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=FramePlace((self._first_stray,))))

@@ -25,7 +25,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 _path = click.Path(allow_dash=True)
 
 
-@click.command(short_help="Compare a good capture with a bad one.")
+@click.command()
 @click.argument("good", type=_path)
 @click.argument("bad", type=_path)
 @options.ports

@@ -37,14 +37,12 @@ T = TypeVar("T")
 
 
 class FrameFormat(StrEnum):
-    """Output formats other than lines."""
-
     TREE = "tree"
     CSV = "csv"
     JSON = "json"
 
 
-@click.command(short_help="Decode frames, one line each.")
+@click.command()
 @options.paths
 @options.interface
 @click.option(
@@ -131,7 +129,6 @@ def command(
 def _choose_format(
     styles: tuple[FrameFormat, ...], has_columns: bool, dump: bool, full: bool
 ) -> FrameFormat | None:
-    """Return the output format that the options select; None for the default, one line per frame."""
     if len(set(styles)) > 1:
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
     style = styles[0] if styles else None
@@ -163,10 +160,7 @@ def _citing(
     render: Callable[[Observation, CallKind | None, tuple[str, ...]], T],
     cite: Callable[[T, PacketOrigin], T],
 ) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
-    """Return a function that calls `render` and, if there are several captures, passes the result to `cite`.
-
-    `cite` adds the name of the frame's capture, and the frame's packet number.
-    """
+    """With several captures, return `render` with its result passed to `cite`, which adds the origin."""
     if len(reader.captures.paths) < 2:
         return render
 
@@ -191,9 +185,7 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Yield the result of `render` for each selected frame. `render` gets the frame, the kind of its call,
-    and the capture's comments on its packet.
-    """
+    """Yield `render(frame, kind of its call, comments on its packet)` for each selected frame."""
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
     about, comments = RecentRequests().kind_of, reader.comments

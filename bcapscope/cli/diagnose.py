@@ -37,7 +37,7 @@ def _known_rule(rule_id: str) -> str:
     return rule_id
 
 
-@click.command(short_help="Explain what went wrong, root cause first.")
+@click.command()
 @options.paths
 @options.interface
 @options.ports
@@ -60,9 +60,7 @@ def _known_rule(rule_id: str) -> str:
     help="Show only findings of this severity; may be repeated.",
 )
 @click.option(
-    "--fail-on",
-    type=_SEVERITY,
-    help="Exit with 1 if `diagnose` shows a finding of this severity or worse.",
+    "--fail-on", type=_SEVERITY, help="Exit with 1 if `diagnose` shows a finding of this severity or worse."
 )
 @options.display_filter_option("finding")
 @options.filter_option(RecordKind.CALL)
@@ -117,7 +115,7 @@ def command(
         reading.read_to_end(diagnosis)
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if as_json:
-        origin_of = reading.frame_origins.origin_of
+        origin_of = reading.origin_of_frame
         numbered = [(number, each) for number, each in enumerate(findings, 1) if is_shown(each)]
         reading.print_lines(finding_record(number, each, totals, origin_of) for number, each in numbered)
     elif totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
@@ -127,7 +125,7 @@ def command(
 
 
 def _filter_lines(reader: CaptureReader, finding: Finding) -> Iterator[str]:
-    origins = map(reader.frame_origins.origin_of, finding.frames)
+    origins = map(reader.origin_of_frame, finding.frames)
     return display_filter_lines(origins, len(reader.captures.paths) > 1, reader.citing_words())
 
 
@@ -146,7 +144,7 @@ def _read_live(
             if renderer is not None:
                 print_stderr(renderer.new_finding_line(finding, totals))
                 continue
-            origin_of = reader.frame_origins.origin_of
+            origin_of = reader.origin_of_frame
             reader.print_lines([finding_record(next(numbers), finding, totals, origin_of, is_final=False)])
 
     def expire(now: int) -> None:

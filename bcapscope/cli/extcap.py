@@ -20,10 +20,7 @@ from bcapscope.wireshark.capture_sources import (
 )
 
 
-@click.command(
-    short_help="Answer Wireshark, which starts this command.",
-    context_settings={"ignore_unknown_options": True},
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @click.option("--extcap-interfaces", is_flag=True, help="List the capture interfaces.")
 @click.option("--extcap-interface", "name", metavar="NAME", help="Use this capture interface.")
 @click.option("--extcap-dlts", is_flag=True, help="List the link types of the interface.")

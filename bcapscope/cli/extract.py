@@ -17,7 +17,6 @@ from bcapscope.analysis.slave.captured_trajectory import (
     TrajectoryPiece,
     TrajectoryStep,
 )
-from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
@@ -41,7 +40,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 }
 
 
-@click.command(short_help="Write slave-mode trajectories to CSV or JSON.")
+@click.command()
 @options.captures
 @options.output_option(
     "Write to this file, whose name ends in .csv or .json. With several sessions, each file name gets the "
@@ -108,7 +107,7 @@ def _is_by_client(client: str) -> Callable[[Conversation], bool]:
 
 
 def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> Iterator[TrajectoryPiece]:
-    yield from read_items(reader, reader.pipeline(trajectories), trajectories.ready)
+    yield from reader.read_items(reader.pipeline(trajectories), trajectories.ready)
     trajectories.finish()
     yield from trajectories.ready
 
@@ -145,11 +144,7 @@ class _TrajectoryFile:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The output files of all slave-mode sessions.
-
-    If there is only one file, its name gets no number. The number of sessions is known only at the end, so
-    the files get their final names then.
-    """
+    """The files of all sessions, which get their names at the end: a single file gets no number."""
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()
@@ -164,7 +159,6 @@ class _TrajectoryFiles(ExitStack):
         output.add(steps)
 
     def commit(self) -> list[str]:
-        """Rename the files to their final names, and return one sentence about each file."""
         several = len(self._outputs) > 1
         for number, output in self._outputs.items():
             check_output_path(self._name(number if several else None), self._overwrite)

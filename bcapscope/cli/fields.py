@@ -12,7 +12,7 @@ from bcapscope.traffic.filter.field_table import FIELDS, RecordKind
 _KIND_NAMES: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames", (RecordKind.CALL,): "calls"}
 
 
-@click.command(short_help="List the fields of --filter and explain its syntax.")
+@click.command()
 def command() -> None:
     """List the fields that --filter can use, with their types, and explain the syntax of filters.
 

@@ -52,7 +52,7 @@ class _PingResult:
     lost: int = 0
 
 
-@click.command(short_help="Check that a controller answers, and how fast.")
+@click.command()
 @target_options
 @click.option(
     "-n",

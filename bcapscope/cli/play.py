@@ -95,7 +95,7 @@ def _parse_mode(value: str) -> SlaveModePacing | int:
     return number
 
 
-@click.command(short_help="Move a robot along a trajectory in slave mode.")
+@click.command()
 @trajectory_options
 @target_options
 @click.option(
@@ -187,9 +187,7 @@ def command(
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Check the set points against the limits of --limit, and exit if any set point fails. Before
-    `play` connects to the controller, only the limits of --limit are known.
-    """
+    """Exit if a set point violates --limit, before other limits are known from the controller."""
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )
@@ -256,8 +254,6 @@ class PlayOutput:
 
 
 class PlayRunner:
-    """Runs a player process until it ends."""
-
     def __init__(self, plan: PlayPlan, trajectory: Trajectory, output: PlayOutput) -> None:
         self._plan = plan
         self._trajectory = trajectory
@@ -295,9 +291,7 @@ class PlayRunner:
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
-        """Wait for messages from the player and for keys. Handle stop and halt keys. Return the player's
-        messages.
-        """
+        """Wait for messages and keys, and handle stop and halt keys. Return the player's messages."""
         watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
         ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
         if 0 in ready:

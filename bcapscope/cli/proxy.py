@@ -37,7 +37,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Endpoint
 
 
-@click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
+@click.group(invoke_without_command=True)
 @click.option(
     "--listen",
     metavar="HOST:PORT",

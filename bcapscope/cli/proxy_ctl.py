@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import click
@@ -28,9 +29,7 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches each line break before an indented line of an error message. Indented lines quote a rule and mark
-the error in this rule.
-"""
+"""Line breaks before indented lines of an error message, which quote a rule and mark the error."""
 
 _NAME = click.argument("name")
 _NUMBER = click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
@@ -50,25 +49,23 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
     context.obj = _ControlCommand(address, as_json, words)
 
 
+@dataclass(frozen=True, slots=True)
 class _ControlCommand:
-    """Sends requests to a running proxy. With --json, prints the responses."""
-
-    def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
-        self.words = words
-        self._address = address
-        self._as_json = as_json
+    address: str
+    as_json: bool
+    words: MessageFormatter
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
         """Return the response; with --json, print it and return None. Exit if the proxy refuses."""
-        with closing(ControlClient(self._address)) as proxy:
+        with closing(ControlClient(self.address)) as proxy:
             try:
-                if not self._as_json:
+                if not self.as_json:
                     return proxy.request(request, kind)
                 echo(_json_text(proxy.request_raw(request)))
             except ControlError as error:
                 exit_with(printable(self.words.text(error.message)), ExitCode.UNREADABLE)
             except ControlRefused as error:
-                if self._as_json:
+                if self.as_json:
                     echo(_json_text(error.line))
                     sys.exit(ExitCode.REFUSED)
                 lines = _INDENTED.split(self.words.text(error.message))
@@ -77,7 +74,6 @@ class _ControlCommand:
 
 
 def _json_text(line: bytes) -> str:
-    """Return a JSON response as text, with control characters escaped for the terminal."""
     text = line.decode("utf-8", "replace").strip()
     return text if text.isprintable() else "".join(map(_json_character, text))
 
@@ -207,7 +203,6 @@ def _figure_text(value: object) -> str:
 def _add_change_command(
     name: str, help_: str, argument: options.Decorator, make: Callable[..., control.ControlRequest]
 ) -> None:
-    """Add a subcommand that sends the request `make(ARGUMENT)` and prints nothing."""
 
     @command.command(name, help=help_)
     @argument

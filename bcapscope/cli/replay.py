@@ -63,7 +63,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 _MAX_LISTED = 8
 
 
-@click.command(short_help="Play one side of a recording again.")
+@click.command()
 @click.argument("capture", type=click.Path(allow_dash=True))
 @optional_target_options
 @click.option(
@@ -226,8 +226,6 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
 
 
 class _PreflightCheck:
-    """Runs the pre-flight check on the set points of a recording."""
-
     def __init__(
         self,
         script: ReplayScript,
@@ -248,9 +246,8 @@ class _PreflightCheck:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check each series of set points. If a series of set points fails the pre-flight check, print the
-        results of every failed series and exit. If all series of set points pass, `shown` says whether to
-        print the results. With --quiet, never print the results of series that pass.
+        """Check each series of set points. Print the failed series and exit. If all pass, print them if
+        `shown` is True, unless --quiet.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]
@@ -264,8 +261,6 @@ class _PreflightCheck:
 
 @dataclass(slots=True)
 class _ReplayRunner:
-    """Makes the recorded calls to a controller and prints the results."""
-
     script: ReplayScript
     preflight: _PreflightCheck
     keep_going: bool

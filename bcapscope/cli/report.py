@@ -1,6 +1,4 @@
-"""``bcapscope report``: write one HTML page about captures, which you can read in a browser or send by
-mail.
-"""
+"""``bcapscope report``: write one HTML page about captures."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 _NEEDED = ("jinja2", "plotly")
 
 
-@click.command(short_help="Write one HTML page with findings, figures and charts.")
+@click.command()
 @options.captures
 @options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports
@@ -37,12 +35,7 @@ _NEEDED = ("jinja2", "plotly")
 @force_option
 @options.language
 def command(
-    *,
-    output: Path,
-    wanted: Filter | None,
-    force: bool,
-    words: MessageFormatter,
-    **source: Any,
+    *, output: Path, wanted: Filter | None, force: bool, words: MessageFormatter, **source: Any
 ) -> None:
     """Write a report about captures: one HTML page that needs no network and no other file.
 

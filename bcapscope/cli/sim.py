@@ -39,7 +39,6 @@ _SESSION_TEXTS = {
 
 
 def _choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Return an included scenario by name, or the scenario of a YAML file."""
     if named is None:
         return None
     try:
@@ -54,20 +53,18 @@ def _choose_scenario(context: click.Context, param: click.Parameter, named: str 
 
 
 def _scenario_lines() -> Iterator[str]:
-    """Return a table of the included scenarios, with the rule that each scenario demonstrates."""
     scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
     rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
     return align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<")
 
 
 def _behaviour_lines() -> Iterator[str]:
-    """Return a table of the simulated behaviours, with their sources."""
     head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
     rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
     return align_columns([head, *rows], "<<<<")
 
 
-@click.command(short_help="Simulate a controller without a robot.")
+@click.command()
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
@@ -231,8 +228,6 @@ def _actions(
 
 
 class _TypedCommands:
-    """Runs the commands that the user types or pipes in while the simulator runs."""
-
     def __init__(
         self, actions: dict[str, Callable[[], None]], print_message: Callable[[str], None], attended: bool
     ) -> None:

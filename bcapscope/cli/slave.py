@@ -9,7 +9,6 @@ import click
 
 from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_options
 from bcapscope.live.standard_streams import print_stderr
@@ -18,7 +17,7 @@ from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
 
 
-@click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
+@click.command()
 @figure_options("Print one JSON object per session.")
 def command(**given: Any) -> None:
     """Show each slave-mode session: its client, how it ended, its timing and its motion.
@@ -40,7 +39,7 @@ def command(**given: Any) -> None:
     if arguments.as_json:
         arguments.reader.remember_origins()
     sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
-    origin_of = arguments.reader.frame_origins.origin_of
+    origin_of = arguments.reader.origin_of_frame
     arguments.print_all(
         sessions, lambda session: with_packets(slave_session_record(session), origin_of), slave_session_lines
     )
@@ -51,7 +50,7 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     is_selected = arguments.reader.call_test(arguments.call_filter)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
     pipeline = arguments.reader.pipeline(selected)
-    yield from read_items(arguments.reader, pipeline, sessions)
+    yield from arguments.reader.read_items(pipeline, sessions)
     yield from selected.remaining_sessions(arguments.reader.ended_at)
 
 

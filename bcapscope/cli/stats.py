@@ -18,7 +18,7 @@ from bcapscope.render.statistics_text import (
 )
 
 
-@click.command(short_help="Show figures by client and command: rates, latencies, retries, refusals.")
+@click.command()
 @figure_options("Print one JSON object; with --window, one per window.", has_csv=True)
 def command(**given: Any) -> None:
     """Show figures about the calls in captures, by client and by command.

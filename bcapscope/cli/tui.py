@@ -19,10 +19,10 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.capture_point import CapturePoint
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
-"""File suffixes. An argument that ends in one of these suffixes is a file, not a host name."""
+"""An argument with one of these suffixes is a file, not a host name."""
 
 
-@click.command(short_help="Open the screen: test a controller, show live traffic or a capture.")
+@click.command()
 @click.argument("path", metavar="[HOST|FILE]", required=False, type=click.Path())
 @options.interface
 @options.ports
@@ -53,10 +53,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 )
 @click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP.")
 @click.option(
-    "--option",
-    metavar="TEXT",
-    default="",
-    help="Connect with this option string, such as Timeout=300.",
+    "--option", metavar="TEXT", default="", help="Connect with this option string, such as Timeout=300."
 )
 @click.option(
     "--profile",
@@ -146,9 +143,7 @@ def _check_source_options(
 
 
 def _choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and its processes. --lang takes precedence over the language in the
-    settings.
-    """
+    """Set the language of the screen and its processes: --lang, or the language in the settings."""
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 

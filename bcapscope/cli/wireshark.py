@@ -21,7 +21,7 @@ class _Action(StrEnum):
     UNINSTALL = "uninstall"
 
 
-@click.command(short_help="Decode and capture b-CAP in Wireshark.")
+@click.command()
 @options.choice_flag(_Action.INSTALL, "actions", "Install the dissector and the capture interfaces.")
 @options.choice_flag(_Action.PRINT, "actions", "Print the dissector.")
 @options.choice_flag(_Action.UNINSTALL, "actions", "Remove what --install wrote.")

@@ -10,7 +10,7 @@ import numpy as np
 
 from bcapscope.analysis.slave import captured_trajectory as seen
 from bcapscope.analysis.slave.captured_trajectory import TrajectoryExtractor
-from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.player.column_layout import ReadOptions
@@ -41,7 +41,7 @@ def read_capture(source: TrajectorySource, options: ReadOptions) -> tuple[Trajec
     problems: list[CaptureError] = []
     capture = CaptureInput([source.path], (), lambda path, error: problems.append(error))
     extractor = TrajectoryExtractor()
-    _add_set_points(sessions, read_items(capture, capture.pipeline(extractor), extractor.ready))
+    _add_set_points(sessions, capture.read_items(capture.pipeline(extractor), extractor.ready))
     extractor.finish()
     _add_set_points(sessions, extractor.ready)
     if not sessions:

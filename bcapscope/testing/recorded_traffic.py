@@ -8,7 +8,7 @@ from pathlib import Path
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.messages.places import Count
 from bcapscope.render.call_text import CallRenderer
@@ -42,7 +42,7 @@ class RecordedTraffic(PipelineSubscriber):
         # The last packet may be incomplete, because another thread or process is writing it.
         source = CaptureInput([str(path)], ports, on_problem=lambda path, error: None)
         diagnosis = Diagnosis()
-        for _ in read_items(source, source.pipeline(self, diagnosis), []):
+        for _ in source.read_items(source.pipeline(self, diagnosis), []):
             pass
         self.findings: list[Finding] = list(diagnosis.findings(source.ended_at))
         self.totals: TrafficTotals = diagnosis.totals(source.ended_at)

@@ -19,10 +19,8 @@ def is_out_of_descriptors(error: OSError) -> bool:
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Wait at most `seconds` until a file descriptor is readable. Return whether it is readable.
-
-    This function opens no file descriptor. On systems with `poll`, the descriptor may be larger than the
-    limit of `select`.
+    """Return whether a descriptor is readable within `seconds`, without opening one. `poll` allows
+    descriptors beyond the limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -34,13 +32,9 @@ def wait_readable(descriptor: int, seconds: float) -> bool:
 def accept_connection(
     listener: socket.socket, free_descriptor: Callable[[], bool]
 ) -> tuple[socket.socket, Any] | None:
-    """Accept a connection and return its socket and address; None if no connection is pending.
+    """Accept a connection; None if no connection is pending. Raises OSError if none can be accepted now.
 
-    If no file descriptor is free, this function calls `free_descriptor`. `free_descriptor` closes a
-    descriptor, or returns False if there is no descriptor to close.
-
-    Raises:
-        OSError: No connection can be accepted now.
+    If no file descriptor is free, `free_descriptor` closes one, or returns False if it cannot.
     """
     while True:
         try:
@@ -71,22 +65,21 @@ def raise_descriptor_limit(count: int) -> None:
 
 
 class SpareDescriptors:
-    """Spare file descriptors that bcapscope can release for a more important connection."""
+    """Up to `count` spare file descriptors that can be released for a more important connection."""
 
     def __init__(self, count: int) -> None:
-        """Set the number of descriptors to reserve; `refill` opens them."""
         self._count = count
         self._held: list[int] = []
 
     def refill(self) -> bool:
-        """Open the missing spare descriptors; return whether all spare descriptors are open now."""
+        """Open the missing spare descriptors; return whether all of them are open now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
     def release_one(self, *, keep: int = 0) -> bool:
-        """Close a spare descriptor if more than `keep` are open; return whether a descriptor was closed."""
+        """Close a spare descriptor if more than `keep` are open; return whether one was closed."""
         if len(self._held) <= keep:
             return False
         os.close(self._held.pop())

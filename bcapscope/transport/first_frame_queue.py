@@ -1,8 +1,7 @@
 """TCP connections that have not sent a complete frame yet. This module does no I/O and uses no clock.
 
-An attacker can open many connections at no cost, and each connection could keep out an honest client.
-Therefore a connection becomes a client only when its first frame is complete. When too many connections are
-open, connections without a complete frame are dropped first.
+An attacker can open many connections at no cost. Therefore a connection becomes a client only when its first
+frame is complete, and connections without a complete frame are dropped first.
 """
 
 from __future__ import annotations
@@ -16,9 +15,8 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Maximum number of connections without a complete frame. If this number is reached, a new connection
-displaces a connection that waits in the queue. On a busy machine, an honest client may send its first byte
-only some milliseconds after it connects. In a few milliseconds, an attacker can open a hundred connections.
+"""Maximum number of connections without a complete frame. On a busy machine, an honest client may send its
+first byte some milliseconds after it connects; meanwhile, an attacker can open a hundred connections.
 """
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000
@@ -28,19 +26,13 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the source network of an address: the IPv4 address, or the /64 network of an IPv6 address.
-    bcapscope counts all clients of one source network together.
-    """
+    """Return an IPv4 address, or the /64 network of an IPv6 address, whose clients are counted together."""
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
 
 @dataclass(eq=False)
 class _PendingConnection:
-    """A connection without a complete frame, with all bytes that it has sent so far.
-
-    Attributes:
-        first_byte_at: Time in ns when the first byte arrived; 0 until then.
-    """
+    """`first_byte_at` is the time in ns when the first byte arrived; 0 until then."""
 
     source: str
     data: bytearray = field(default_factory=bytearray)
@@ -48,8 +40,6 @@ class _PendingConnection:
 
 
 class FirstFrameQueue(Generic[Key]):
-    """A queue of connections that have not sent a complete frame yet."""
-
     def __init__(self, limit: int = MAX_PENDING) -> None:
         self._limit = limit
         self._waiting: dict[Key, _PendingConnection] = {}
@@ -61,22 +51,18 @@ class FirstFrameQueue(Generic[Key]):
         return key in self._waiting
 
     def add(self, key: Key, host: str) -> Key | None:
-        """Add a connection.
+        """Add a connection. If there is no room, return the connection that the caller must drop.
 
-        Return the connection that the caller must drop to make room; None if there is room. The queue finds
-        the source network that has the most connections, and drops the oldest connection of this network. The
-        queue ignores how many bytes a connection has sent, because a normal client may have sent no bytes
-        yet.
+        This is the oldest connection of the source network with the most connections. The number of bytes
+        sent does not count, because a normal client may have sent none yet.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))
         return dropped
 
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
-        """Add bytes that arrived from a connection at the time `now`, ns.
-
-        The connection leaves the queue when its first frame is complete, or when its bytes cannot begin a
-        frame. This method then returns all bytes of the connection. Until then it returns None.
+        """Add bytes that arrived at the time `now`, ns. When the first frame is complete, or the bytes cannot
+        begin a frame, remove the connection and return all its bytes. Until then, return None.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now
@@ -87,11 +73,9 @@ class FirstFrameQueue(Generic[Key]):
         return bytes(newcomer.data)
 
     def remove(self, key: Key) -> None:
-        """Remove a connection that has ended; do nothing for an unknown connection."""
         self._waiting.pop(key, None)
 
     def drop_one(self) -> Key | None:
-        """Remove and return the connection that `add` would choose to drop; None if the queue is empty."""
         if not self._waiting:
             return None
         ((source, _),) = Counter(each.source for each in self._waiting.values()).most_common(1)

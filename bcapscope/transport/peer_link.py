@@ -24,11 +24,7 @@ class LinkReceiver(Protocol):
 
 
 class Link(Protocol):
-    """A link to one peer.
-
-    Attributes:
-        datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.
-    """
+    """A link to one peer. With `datagrams`, data may get lost or repeated; otherwise the link is a stream."""
 
     @property
     def datagrams(self) -> bool: ...
@@ -40,11 +36,7 @@ class Link(Protocol):
     def peer(self) -> Address: ...
 
     def send(self, data: bytes) -> None:
-        """Send data without waiting.
-
-        Raises:
-            OSError: Sending fails, and the link has no `LinkReceiver` that could receive the error.
-        """
+        """Send data without waiting. Raises OSError only if no `LinkReceiver` could receive the error."""
 
     def close(self) -> None:
         """Close the link; a second call does nothing."""

@@ -1,4 +1,4 @@
-"""The kernel measures when data arrives. Delays in this process do not change these receive times."""
+"""Receive times that the kernel measures. Delays in this process do not change them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from functools import partial
 from typing import Any, TypeAlias
 
 AncillaryData: TypeAlias = list[tuple[int, int, bytes]]
-"""Ancillary data of a received message, which includes the receive time if the kernel reports it."""
+"""Ancillary data of a received message, with the receive time if the kernel reports it."""
 
 ReceiveFunction: TypeAlias = Callable[[int, int], tuple[bytes, AncillaryData, int, Any]]
-"""Type of a function with the signature of `socket.recvmsg`."""
+"""The signature of `socket.recvmsg`."""
 
 ANCILLARY_SIZE = 64
 """Size of the buffer for ancillary data, bytes."""
@@ -32,7 +32,7 @@ def enable_receive_timestamps(sock: socket.socket) -> None:
 
 
 def receive_function(sock: socket.socket) -> ReceiveFunction:
-    """Return the socket's `recvmsg`; on systems without it, a replacement that returns no ancillary data."""
+    """Return the socket's `recvmsg`, or a replacement that returns no ancillary data."""
     return getattr(sock, "recvmsg", None) or partial(_receive_without_ancillary, sock)
 
 
@@ -44,9 +44,7 @@ def _receive_without_ancillary(
 
 
 def kernel_timestamp(ancillary: AncillaryData, now: int) -> int:
-    """Return the receive time that the kernel reported, ns since 1970; otherwise `now`, or the current time
-    if `now` is 0.
-    """
+    """Return the reported receive time, ns since 1970; else `now`, or the current time if `now` is 0."""
     if not ancillary or len(ancillary[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()
     seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2])

@@ -21,11 +21,7 @@ CONNECT_TIMEOUT = 5.0
 
 
 class SocketLink(asyncio.BaseProtocol):
-    """A link over a connected socket. The link passes events to its receiver until `close` is called.
-
-    Attributes:
-        end_reason: Id of the message that `on_link_lost` receives if the link ends without an error.
-    """
+    """A link over a connected socket. `end_reason` is the message id for an end without an error."""
 
     end_reason = "connection.socket-closed"
 
@@ -78,12 +74,7 @@ class TcpLink(SocketLink, asyncio.Protocol):
 
 
 async def open_tcp(host: str, port: int, receiver: LinkReceiver) -> TcpLink:
-    """Connect to `host` within `CONNECT_TIMEOUT` and return the link.
-
-    Raises:
-        OSError: The host is unknown or unreachable, or nothing listens on the port. TimeoutError is a
-            subclass of OSError.
-    """
+    """Connect to `host` within `CONNECT_TIMEOUT`, or raise OSError."""
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(CONNECT_TIMEOUT):
         _, link = await loop.create_connection(lambda: TcpLink(receiver), host, port)
@@ -97,19 +88,16 @@ def close_with_reset(sock: socket.socket) -> None:
 
 
 def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
-    """Return the first IPv4 address of a host, because controllers use IPv4. If there is no IPv4 address,
-    return the first address.
+    """Return the first IPv4 address, because controllers use IPv4; else the first address.
 
-    Over UDP, a wrong address has the same effect as a controller that does not answer. For a host name such
-    as localhost, the operating system often lists an IPv6 address first.
+    Over UDP, a wrong address looks like a controller that does not answer. For a name such as localhost, the
+    system often lists an IPv6 address first.
     """
     return min(addresses, key=lambda each: each[0] != socket.AF_INET)
 
 
 class UdpLink(SocketLink, asyncio.DatagramProtocol):
-    """A connected UDP socket. The operating system drops datagrams that do not come from the peer. The
-    operating system reports an error if the peer's port is closed.
-    """
+    """A connected UDP socket: the system drops datagrams of others, and reports a closed port."""
 
     datagrams = True
 
@@ -127,11 +115,7 @@ class UdpLink(SocketLink, asyncio.DatagramProtocol):
 
 
 async def open_udp(host: str, port: int, receiver: LinkReceiver) -> UdpLink:
-    """Open a socket connected to `host` and return the link.
-
-    Raises:
-        OSError: The host is unknown or unreachable.
-    """
+    """Open a socket connected to `host`, or raise OSError if the host is unknown or unreachable."""
     loop = asyncio.get_running_loop()
     family, *_ = preferred_address(await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
     _, link = await loop.create_datagram_endpoint(

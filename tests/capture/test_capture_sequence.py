@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from bcapscope.capture import capture_sequence
 from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, capture_names
+from bcapscope.capture.capture_input import CaptureInput
+from bcapscope.capture.capture_sequence import CaptureSequence, capture_names
 from bcapscope.capture.packet import Interface, PacketOrigin
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
@@ -66,13 +67,9 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
     sequence, _ = sequence_of(tmp_path, [[10, 11], [1, 2]])
     other = tmp_path / "other.pcap"
     other.write_bytes(pcap_header() + pcap_record(b"no IP at all", 1_700_000_005))
-    paths = [*sequence.paths, str(other)]
-    sequence = CaptureSequence(paths, capture_names(paths), open_capture, lambda path, error: None)
-    origins = FrameOrigins(sequence.origin_of)
-    decoder = PacketDecoder()
-    decoder.note_packet = origins.add
-    assert len(list(decoder.decode(sequence))) == 4
-    found = [origins.origin_of(frame) for frame in range(5)]
+    source = CaptureInput([*sequence.paths, str(other)], (), lambda path, error: None)
+    assert len(list(source.observations())) == 4
+    found = [source.origin_of_frame(frame) for frame in range(5)]
     assert [each and (each.name, each.packet) for each in found] == [
         None,
         ("1.pcap", 1),

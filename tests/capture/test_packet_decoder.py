@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import pytest
 
+from bcapscope.capture import packet_decoder
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Interface, Packet
@@ -383,3 +384,16 @@ def test_only_one_leg_is_looked_at_and_packets_are_still_counted() -> None:
     found = list(observer.decode(packets))
     assert [(each.number, each.packet) for each in found] == [(1, 1), (2, 3)]
     assert observer.counts.packets == 3
+
+
+def test_kept_comments_stay_within_their_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packet_decoder, "COMMENTS_LIMIT", 3)
+    monkeypatch.setattr(packet_decoder, "COMMENTS_BYTES", 1000)
+    kept = packet_decoder.PacketComments()
+    for packet in range(1, 6):
+        kept.add(packet, ("short",))
+    assert list(kept) == [3, 4, 5]
+    kept.add(6, ("long" * 1000,))
+    assert list(kept) == [6]
+    kept.add(7, ("short",))
+    assert list(kept) == [7]

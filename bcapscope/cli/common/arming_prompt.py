@@ -18,10 +18,7 @@ from bcapscope.render.escape import printable
 
 @contextmanager
 def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[ArmedCallLogger]:
-    """Write the armed calls of a connection to the action log.
-
-    If the log cannot be written, a warning is printed and the calls continue.
-    """
+    """Write the armed calls of a connection to the action log. If this fails, warn and continue."""
     log = ActionLog(default_folder(), program, _warn_log_unwritable)
     calls = ArmedCallLogger(log, connection)
     try:
@@ -41,7 +38,6 @@ def _warn_log_unwritable(path: Path, error: OSError) -> None:
 
 
 def can_prompt() -> bool:
-    """Return whether stdin and stderr are terminals, so that the user can answer a prompt."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -50,22 +46,14 @@ def unarmed_reason(host: str) -> Message:
 
 
 def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
-    """Ask the user to type the address of the controller, and return whether it matches.
-
-    Raises:
-        click.Abort: Standard input ended.
-    """
+    """Return whether the user types the controller's address. Raises click.Abort if stdin ended."""
     return prompt_line(words("arm.confirm", host=printable(host))) == host
 
 
 def prompt_line(question: str) -> str:
-    """Write a question to stderr, and return the line that the user types, without blanks at its ends.
+    """Write a question to stderr, and return the typed line. Raise click.Abort if standard input ended.
 
-    `prompt_line` replaces `click.prompt`, which calls Python's `input`. If the user presses Ctrl-C while
-    `input` prints a question, `input` loses this Ctrl-C.
-
-    Raises:
-        click.Abort: Standard input ended.
+    `click.prompt` calls Python's `input`, which loses a Ctrl-C while it prints the question.
     """
     sys.stderr.write(f"{question}: ")
     sys.stderr.flush()

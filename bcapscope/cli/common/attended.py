@@ -47,9 +47,7 @@ publish_option = click.option(
 
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
-    """Print a line of JSON with the addresses on which the command listens, and the address of its control
-    socket.
-    """
+    """Print a line of JSON with the listening addresses and the address of the control socket."""
     print_stderr("")  # an empty line marks the end of the greeting for the parent process
     report = {"listening": list(listening), "control": control}
     sys.stdout.buffer.write(orjson.dumps(report) + b"\n")

@@ -1,4 +1,4 @@
-"""Read captures for a command, and print a summary of the traffic and of the errors that occurred."""
+"""Read captures for a command, and print a summary of the traffic and of the errors."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 
 import click
 
-from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.capture.capture_sequence import STDIN, CaptureSequence
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
@@ -56,8 +56,8 @@ class CaptureReader(CaptureInput):
     """The input of a command. Several captures, such as the files of a ring, are read as one.
 
     Attributes:
-        on_idle: Function that is called several times per second while a live capture delivers no frames. The
-            function receives the time up to which all packets were read, ns since 1970.
+        on_idle: Called several times per second while a live capture delivers no frames, with the time up to
+            which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
     """
 
@@ -75,12 +75,8 @@ class CaptureReader(CaptureInput):
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `side` is the side to read if a conversation was captured at both sides; None to read both sides.
-        `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
-        `comment_words` formats the comments that bcapscope adds to pasted frames.
-
-        Raises:
-            click.UsageError: there is no input, or more than one kind, or standard input is closed.
+        `comment_words` formats the comments on pasted frames. Raises click.UsageError unless one input is
+        given.
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("give captures or '-' (standard input), or give an interface with -i")
@@ -100,21 +96,10 @@ class CaptureReader(CaptureInput):
         self._tested_count, self._has_match = 0, False
         self._lost_packets = 0
         self._problems: list[str] = []
-        super().__init__(
-            paths,
-            ports,
-            self._add_problem,
-            open_file=self._open,
-            packets_of=self._read_packets,
-            side=side,
-            taken_at=taken_at,
-        )
+        super().__init__(paths, ports, self._add_problem, side=side, taken_at=taken_at)
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only the frames captured at the chosen side.
-
-        If a capture cannot be read to its end, no exception is raised; `print_summary` prints the error.
-        """
+        """Yield all frames of the input. `print_summary` prints why a capture was not read to its end."""
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -122,7 +107,6 @@ class CaptureReader(CaptureInput):
         self._progress.remove()
 
     def read_to_end(self, *subscribers: PipelineSubscriber) -> None:
-        """Read the input to its end, and pass the traffic to the subscribers. Show the progress of this."""
         pipeline = self.pipeline(*subscribers)
         add = pipeline.add
         for count, observation in enumerate(self.observations()):
@@ -132,27 +116,19 @@ class CaptureReader(CaptureInput):
         pipeline.finish(self.ended_at)
 
     def read_calls(self, wanted: Filter | None) -> Iterator[Call]:
-        """Yield each call that matches a filter, as soon as the call is complete."""
         from bcapscope.traffic.pipeline import CallCollector
 
         collector = CallCollector(self.call_test(wanted))
-        return read_items(self, self.pipeline(collector), collector.calls)
+        return self.read_items(self.pipeline(collector), collector.calls)
 
     def call_test(self, wanted: Filter | None) -> Callable[[Call], bool] | None:
-        """Return a function that tests whether a call matches the filter; None if there is no filter.
-
-        If no call matches the filter, `print_summary` reports this.
-        """
+        """Return a function that tests calls with the filter; None without filter. See `record_test`."""
         return None if wanted is None else self.record_test(wanted, CALL_GETTERS, lambda call: call.number)
 
     def record_test(
         self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records with the filter. If no record matches the filter,
-        `print_summary` reports this.
-
-        `number_of` is a function that returns the number of a record, counted from 1.
-        """
+        """Return a function that tests records, numbered from 1. `print_summary` reports if none matches."""
         self._filter = wanted
         test = wanted.bind(getters, lambda: self.first_time)
 
@@ -165,11 +141,7 @@ class CaptureReader(CaptureInput):
         return counted
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter for the command's messages.
-
-        If the command reads several captures, the formatter names the capture and the packet after each frame
-        number.
-        """
+        """Return the formatter of messages. With several captures, it names a frame's capture and packet."""
         return self._words if len(self.captures.paths) < 2 else self._words.for_captures(self._find_frame)
 
     def _find_frame(self, frame: int) -> tuple[str, int] | None:
@@ -181,20 +153,16 @@ class CaptureReader(CaptureInput):
         return self.decoder.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
-        """Show the progress if reading a file takes long."""
         self._progress.show(self.captures.position, self.captures.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
-        """Print lines of data, and show the progress of reading after each batch of lines."""
         write_lines(lines, self._lines_at_once, self.show_progress)
 
     def finish(self) -> NoReturn:
-        """Print the summary and exit."""
         self.print_summary()
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print to stderr what was read and which errors occurred."""
         if self._filter is not None and self._tested_count and not self._has_match:
             self._print_no_match(self._filter)
         self._progress.remove()
@@ -276,16 +244,16 @@ class CaptureReader(CaptureInput):
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _read_packets(self, sequence: CaptureSequence) -> Iterator[Packet]:
+    def _packets(self, captures: CaptureSequence) -> Iterator[Packet]:
         if self._interface:
             yield from self._live_packets()
             return
         with suppress(_Interrupted):
-            yield from sequence
+            yield from captures
 
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:
-            return open_capture(path)
+            return super()._open(path)
         return CaptureFile(cast(BinaryIO, _StandardInput()))
 
     def _add_problem(self, path: str, error: CaptureError) -> None:
@@ -297,7 +265,7 @@ class CaptureReader(CaptureInput):
 
 
 class _Interrupted(Exception):
-    """Ctrl-C ended reading. After Ctrl-C, bcapscope does not report an incomplete last packet."""
+    """Ctrl-C ended reading; an incomplete last packet is then not reported."""
 
 
 def _is_file(stream: TextIO) -> bool:

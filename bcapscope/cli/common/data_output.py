@@ -15,21 +15,19 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.columns import fold_line
 
 LINES_AT_ONCE = 512
-"""Maximum number of lines that are written in one batch. Live output is written line by line."""
+"""Maximum number of lines per batch. Live output is written line by line."""
 
 _BATCH_CHARACTERS = 256 * 1024  # A batch of lines is written when it has this many characters.
 
 
 class OutputError(click.ClickException):
-    """A file or standard output cannot be written. The message contains no control characters."""
+    """A file or stdout cannot be written. The message contains no control characters."""
 
     exit_code = ExitCode.UNWRITABLE
 
 
 def discarded_stdout(error: OSError) -> OutputError:
-    """Discard all further output to stdout, because writing failed with `error`. Return the exception to
-    raise.
-    """
+    """Discard all further output to stdout. Return the exception to raise."""
     discard_stdout()
     return OutputError(f"cannot write to standard output: {os_reason(error)}")
 
@@ -49,11 +47,8 @@ def write_lines(
     lines_at_once: int = LINES_AT_ONCE,
     after_batch: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the lines in batches, and call `after_batch` after each batch.
-
-    Raises:
-        BrokenPipeError: the reader closed stdout.
-        OutputError: writing failed for another reason, such as a full disk.
+    """Write the lines in batches, and call `after_batch` after each batch. Raises BrokenPipeError if the
+    reader closed stdout, and OutputError for other reasons, such as a full disk.
     """
     batch: list[str | bytes] = []
     size = 0
@@ -79,12 +74,7 @@ def _write_batch(lines: list[Any]) -> None:
 
 
 def echo(text: str | bytes, end: bool = True) -> None:
-    """Write a line to stdout without buffering. If `end` is False, the line gets no newline.
-
-    Raises:
-        BrokenPipeError: the reader closed stdout.
-        OutputError: writing failed for another reason, such as a full disk.
-    """
+    """Write a line to stdout without buffering. Raises the same exceptions as `write_lines`."""
     with _write_errors_reported():
         click.echo(text, nl=end)
 
@@ -99,8 +89,6 @@ def line_width(wide: bool) -> int | None:
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
-    """Return the lines, folded at the width of the terminal. If stdout is no terminal or `wide` is True,
-    return the lines unchanged.
-    """
+    """Fold the lines at the width of the terminal, unless stdout is no terminal or `wide` is True."""
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)

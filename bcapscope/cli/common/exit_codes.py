@@ -14,10 +14,7 @@ from bcapscope.live.standard_streams import print_stderr
 
 
 class ExitCode(IntEnum):
-    """Exit code of a command."""
-
     OK = 0
-    """The command completed successfully."""
     FINDINGS = 1
     """`diagnose --fail-on` found a problem of this severity or worse."""
     USAGE = 2
@@ -45,14 +42,12 @@ class ExitCode(IntEnum):
 
 
 def exit_with(text: str, code: int) -> NoReturn:
-    """Print `text` to stderr, and exit with `code`."""
     print_stderr(text)
     sys.exit(code)
 
 
 @contextmanager
 def usage_error_on(kind: type[Exception]) -> Iterator[None]:
-    """Convert an exception of class `kind` from the `with` block to a `click.UsageError`."""
     try:
         yield
     except kind as error:
@@ -61,7 +56,6 @@ def usage_error_on(kind: type[Exception]) -> Iterator[None]:
 
 @contextmanager
 def exit_on(kind: type[Exception], code: int) -> Iterator[None]:
-    """If the block raises an exception of class `kind`, print it to stderr, and exit with `code`."""
     try:
         yield
     except kind as error:

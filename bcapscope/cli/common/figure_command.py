@@ -20,10 +20,7 @@ T = TypeVar("T")
 
 
 class FigureArguments:
-    """The arguments of a command that prints statistics, such as `stats` or `slave`.
-
-    `window` is the length of a time window in ns; None means the whole capture.
-    """
+    """The arguments of a command such as `stats`. `window` is in ns; None means the whole capture."""
 
     def __init__(
         self,
@@ -51,7 +48,6 @@ class FigureArguments:
         record: Callable[[T], bytes],
         lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
     ) -> NoReturn:
-        """Print each object in `found` as JSON, or as text followed by an empty line. Then exit."""
         words = self.reader.citing_words()
         if self.as_json:
             self.reader.print_lines(map(record, found))
@@ -62,7 +58,6 @@ class FigureArguments:
 
 
 def figure_options(json_help: str, has_csv: bool = False) -> options.Decorator:
-    """Return a decorator that adds the options of figure commands to a command."""
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
     as_csv = click.option("--csv", "as_csv", is_flag=True, help="Print a CSV table with a header.")
     source = (options.captures, options.ports, options.side, options.taken_at)

@@ -30,13 +30,11 @@ LARGEST_COUNT = 1_000_000_000
 """Maximum number of calls or rounds. At one call every 8 ms, a billion calls take three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Largest value that a numeric option accepts by default. For an option in ms, this value is 17 minutes. For
-an option in s, this value is eleven days.
-"""
+"""Default maximum of numeric options: 17 minutes for an option in ms, eleven days for one in s."""
 
 
 class NumberRange(click.FloatRange):
-    """Click's type for a number between two bounds, which the user types in ASCII digits."""
+    """A number between two bounds, which the user types in ASCII digits."""
 
     def __init__(self, minimum: float, maximum: float = _LARGEST_NUMBER) -> None:
         super().__init__(min=minimum, max=maximum)
@@ -51,7 +49,7 @@ class NumberRange(click.FloatRange):
 
 
 class IntegerRange(click.IntRange):
-    """Click's parameter type for integers between two bounds, decimal or hexadecimal with the prefix 0x."""
+    """An integer between two bounds, decimal or hexadecimal with the prefix 0x."""
 
     def __init__(self, minimum: int, maximum: int) -> None:
         super().__init__(min=minimum, max=maximum)
@@ -70,7 +68,6 @@ def _quoted(value: object) -> str:
 
 
 def added(decorators: Sequence[Decorator]) -> Decorator:
-    """Return a decorator that adds several options to a command, in this order."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         for option in reversed(decorators):
@@ -83,10 +80,8 @@ def added(decorators: Sequence[Decorator]) -> Decorator:
 def bundled(
     parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
-    """Return a decorator that adds options to a command. The decorator passes the options' values to `make`.
-
-    The command gets the result of `make` as its argument `parameter`. `names` are the names of the options.
-    By default, the options are named after the parameters of `make`.
+    """Return a decorator that adds options to a command. The command gets `make(**options)` as its argument
+    `parameter`. The options' `names` are by default the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -102,9 +97,7 @@ def bundled(
 
 
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses an option, or each value of a repeatable option, with `read`.
-    `read` raises ValueError if the value is invalid.
-    """
+    """Return a click callback that parses each value of an option. `read` raises ValueError."""
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         try:
@@ -121,10 +114,9 @@ def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Para
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
-"""Argument PATH: any number of captures. Users may leave PATH out if an option selects the input."""
+"""Captures, which users may leave out if an option selects the input."""
 
 captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
-"""Argument PATH: one or more captures."""
 
 interface = click.option(
     "-i",
@@ -201,13 +193,10 @@ language = click.option(
     help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
-"""Option ``--lang``. The command gets the parameter `words`, an object that formats messages in the user's
-language.
-"""
+"""Option ``--lang``. The command gets a formatter of messages in the user's language as `words`."""
 
 
 def filter_option(kind: RecordKind) -> Decorator:
-    """Return the option ``--filter``, whose value is a compiled filter or None."""
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
         compiled: Filter | None = parsed_by(lambda text: compile_filter(text, kind))(
@@ -243,21 +232,17 @@ def text_option(name: str, lines: Callable[[], Iterable[str]], help_: str) -> De
 
 
 def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
-    """Return a flag that adds `choice` to the tuple of choices in `parameter`."""
     return click.option(
         f"--{choice}", parameter, flag_value=choice, type=type(choice), multiple=True, help=help_
     )
 
 
 def output_option(help_: str, allow_dash: bool = False) -> Decorator:
-    """Return the option ``--output``. With `allow_dash`, ``-`` is standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)
 
 
 class _RecordPath(click.Path):
-    """Option type for the path of a new file or a named pipe."""
-
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
 
@@ -269,18 +254,16 @@ class _RecordPath(click.Path):
 
 
 def record_option(help_: str) -> Decorator:
-    """Return the option ``--record`` for the path of a new capture, or of a named pipe."""
     return click.option("--record", metavar="FILE.pcapng", type=_RecordPath(), help=help_)
 
 
 def limit_option(help_: str) -> Decorator:
-    """Return the repeatable option ``--limit``, whose values `with_limits` parses."""
     examples = "may be repeated. Examples: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000."
     return click.option("--limit", "limits", metavar="LIMIT", multiple=True, help=f"{help_}; {examples}")
 
 
 def display_filter_option(what: str) -> Decorator:
-    """Return the option ``--display-filter``. `what` is the word for a record, such as "call"."""
+    """`what` is the word for a record, such as "call"."""
     return click.option(
         "--display-filter",
         is_flag=True,

@@ -17,11 +17,7 @@ force_option = click.option("--force", is_flag=True, help="Overwrite existing fi
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Check that a file can be created at `path`. `overwrite` is None if the command has no `--force`.
-
-    Raises:
-        FileWriteError: the file exists already, or the path is not a regular file.
-    """
+    """Raise FileWriteError if no file may be created here. `overwrite` is None without `--force`."""
     is_there = os.path.exists(path)  # `Path.exists` would raise an exception for a name that is too long
     if is_there and not path.is_file():
         raise FileWriteError(path, Message("file.not-regular"))
@@ -33,9 +29,9 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that has a temporary name until `commit` renames it. Its folder does not change.
 
-    Without `commit`, the file is removed at the end of the `with` block. If the command called
-    `interrupt_on_end_signals`, the file is removed even if a signal ends the command. The file is open only
-    during a write, so the limit of open files does not matter.
+    Without `commit`, leaving the `with` block removes the file, even after a signal if the command called
+    `interrupt_on_end_signals`. The file is open only during a write, so the limit of open files does not
+    matter.
     """
 
     def __init__(self, path: Path) -> None:
@@ -52,11 +48,7 @@ class AtomicFile:
             raise FileWriteError(self._path, os_reason(error)) from None
 
     def commit(self, path: Path | None = None, overwrite: bool = False) -> None:
-        """Rename the complete file to its final name, or to `path` in the same folder.
-
-        Raises:
-            FileWriteError: the final name exists already, or renaming failed.
-        """
+        """Rename the file to its final name, or to `path` in the same folder, or raise FileWriteError."""
         path = self._path if path is None else path
         check_output_path(path, overwrite)
         try:
@@ -68,6 +60,5 @@ class AtomicFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Remove the file unless it was committed."""
         with suppress(OSError):  # the temporary file exists only between the first `write` and `commit`
             self._temporary.unlink()

@@ -16,9 +16,7 @@ _SHOWN_AFTER = 1.0
 
 
 class ReadProgressBar:
-    """Shows how much of a file was read. The bar appears after one second, if stderr is a terminal and stdout
-    is not.
-    """
+    """Shows how much of a file was read, if stderr is a terminal and stdout is not."""
 
     def __init__(self) -> None:
         self._began_at = time.monotonic()

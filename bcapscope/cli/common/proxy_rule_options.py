@@ -15,13 +15,13 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
+from bcapscope.faults.quantities import DurationQuantity, FrameCondition
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
 # This module imports most other modules inside functions, so that `bcapscope tui` starts fast.
 if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import AnyFault
-    from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
     from bcapscope.proxy.relay import Relay
     from bcapscope.proxy.request_guard import GuardTarget, RequestGuard
@@ -31,13 +31,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the rule options. For an option with the value None, the proxy uses its default.
-
-    Attributes:
-        faults: Faults from the command line, followed by the faults from files (`--rules`).
-        control: Address of the control socket; None if there is no control socket.
-        command_line: The rule options as the user typed them, without --control, for starting another process
-            with the same rules.
+    """The values of the rule options; None for the proxy's default. `faults` begins with those of the command
+    line. `command_line` repeats the options, without --control, for another process.
     """
 
     seed: int
@@ -54,11 +49,7 @@ class RuleOptions:
     command_line: tuple[str, ...] = ()
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
-        """Start the process that loads and runs the scripts; return None if there are no scripts.
-
-        Raises:
-            ScriptError: the process cannot be started.
-        """
+        """Start the scripts' process; None if there are no scripts. Raises ScriptError."""
         if not self.scripts:
             return None
         from bcapscope.proxy.script_process import DEFAULT_MEMORY_MB, ScriptProcess
@@ -67,9 +58,7 @@ class RuleOptions:
         return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules; return None if the options define none. The delay in a fault's field `after`
-        begins when `build_rules` is called.
-        """
+        """Create the rules; None if the options define none. The delay `after` of faults begins now."""
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
             return None
@@ -89,13 +78,8 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Make rules and scripts report their messages through `relay.notify`. With --control, open the
-        control socket and return the control server.
-
-        Clients of the control socket can also read the values in `state`.
-
-        Raises:
-            ControlError: the control socket cannot be created.
+        """Report messages of rules and scripts through `relay.notify`. With --control, return the control
+        server, whose clients can also read `state`, or raise ControlError.
         """
         from bcapscope.proxy.control_api import ControlApi
         from bcapscope.proxy.control_messages import RelayDelays
@@ -168,7 +152,7 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option, and keeps the text that the user typed."""
+    """Return a click callback that parses an option, and keeps the text that the user typed."""
     parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -187,18 +171,6 @@ def _fault(text: str) -> AnyFault:
     return read_fault(text)
 
 
-def _condition(text: str) -> FrameCondition:
-    from bcapscope.faults.quantities import FrameCondition
-
-    return FrameCondition.read(text)
-
-
-def _duration(text: str) -> DurationQuantity:
-    from bcapscope.faults.quantities import DurationQuantity
-
-    return DurationQuantity.read(text)
-
-
 def _target(text: str) -> GuardTarget:
     from bcapscope.proxy.request_guard import read_target
 
@@ -208,7 +180,7 @@ def _target(text: str) -> GuardTarget:
 def _script_limit(text: str) -> int:
     from bcapscope.proxy.script_queue import LONGEST_LIMIT, SHORTEST_LIMIT
 
-    limit = _duration(text)
+    limit = DurationQuantity.read(text)
     if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
         raise ValueError(f"{text} is not a time from 1ms to 10s")
     return limit
@@ -284,7 +256,7 @@ _OPTIONS = (
     click.option(
         "--intercept",
         metavar="EXPRESSION",
-        callback=_parsing_callback(_condition),
+        callback=_parsing_callback(FrameCondition.read),
         help="Hold messages that match this filter until `proxy ctl` releases, edits or drops them. "
         "`bcapscope fields` lists the fields.",
     ),
@@ -292,7 +264,7 @@ _OPTIONS = (
         "--hold",
         "hold_ns",
         metavar="TIME",
-        callback=_parsing_callback(_duration),
+        callback=_parsing_callback(DurationQuantity.read),
         help="Hold a message at most this long (default: 60s), then send it unchanged. The proxy drops a "
         "held request if the client closed its connection, made another call, or on UDP did not retry for "
         "5 s.",
@@ -337,7 +309,4 @@ _OPTIONS = (
 _NAMES = ("rule_files", *(each.name for each in fields(RuleOptions)))
 
 rule_options = options.bundled("rules", _make_rule_options, _OPTIONS, _NAMES)
-"""Decorator that adds the rule options.
-
-The command gets the options as one argument `rules`, a `RuleOptions`.
-"""
+"""Adds the rule options, as one argument `rules`: `RuleOptions`."""

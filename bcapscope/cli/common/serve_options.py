@@ -37,11 +37,7 @@ class ServeOptions:
 
 
 def run_app(*screens: ScreenEntry) -> None:
-    """Run the app with these screens until the user quits.
-
-    Raises:
-        click.UsageError: there is no terminal, and the screen is not shown in a browser.
-    """
+    """Run the app until the user quits. Raises click.UsageError if there is neither terminal nor browser."""
     from bcapscope.tui.app import BcapApp
 
     streams = (sys.__stdin__, sys.__stderr__)
@@ -55,8 +51,7 @@ def run_app(*screens: ScreenEntry) -> None:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command. In the process of a browser page,
-    `serve_screen` returns immediately.
+    Each browser page gets its own process, which runs the same command and returns here immediately.
     """
     if _DRIVER in os.environ:
         return
@@ -139,7 +134,4 @@ def _make_serve_options(serve: bool, serve_at: Endpoint, viewers: int) -> ServeO
 
 
 serve_options = bundled("serve", _make_serve_options, _OPTIONS)
-"""Decorator that adds the serve options.
-
-The command gets the options as one argument `serve`, a `ServeOptions`.
-"""
+"""Adds the serve options, as one argument `serve`: `ServeOptions`."""

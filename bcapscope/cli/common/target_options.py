@@ -92,10 +92,7 @@ _OPTIONS = (
     ),
     click.option("--machine", default="localhost", help="Send this machine name to the provider."),
     click.option(
-        "--connect-option",
-        metavar="OPTION",
-        default="",
-        help="Send this option with Controller_Connect.",
+        "--connect-option", metavar="OPTION", default="", help="Send this option with Controller_Connect."
     ),
 )
 
@@ -114,17 +111,13 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Decorator that adds the argument HOST and the connection options. The decorated command gets HOST and the
-options as one argument `target`.
-"""
+"""Adds the argument HOST and the connection options, as one argument `target`."""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
     "Connect to this port of the controller; with --as server, listen on this port.",
 )
-"""Decorator like `target_options`, for commands that can run without a controller. If HOST is missing,
-`target.host` is empty.
-"""
+"""Like `target_options`, but HOST may be missing; `target.host` is then empty."""
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:
@@ -158,7 +151,6 @@ def _can_be_resolved(host: str) -> bool:
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
-    """If the connection or a call fails in the block, print the error and exit with its `ExitCode`."""
     name = words.text(target.message)
     try:
         yield

@@ -22,10 +22,7 @@ from bcapscope.render.preflight_text import trajectory_line
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """The trajectory to play and its speed.
-
-    Intervals are in ms. If `rounds` is 0, `play` repeats the trajectory until the user stops it.
-    """
+    """The trajectory to play. Intervals are in ms. If `rounds` is 0, `play` repeats it until stopped."""
 
     file: Path
     index: int | None
@@ -41,12 +38,7 @@ class TrajectoryOptions:
     limits: tuple[str, ...]
 
     def read_trajectory(self) -> Trajectory:
-        """Read the trajectory, and resample it if an option requires this.
-
-        Raises:
-            click.ClickException: the options are invalid.
-            SystemExit: the trajectory cannot be read or resampled; the reason was printed.
-        """
+        """Read the trajectory, and resample it if an option requires this. Exit if this fails."""
         with usage_error_on(ValueError):
             with_limits(UNKNOWN_ARM, self.limits)
             columns = parse_columns(self.columns) if self.columns else {}
@@ -127,6 +119,4 @@ _OPTIONS = (
 )
 
 trajectory_options = options.bundled("motion", TrajectoryOptions, _OPTIONS)
-"""Decorator that adds the argument FILE and the trajectory options. The command function gets all
-these values in one parameter, `motion`, of type `TrajectoryOptions`.
-"""
+"""Adds the argument FILE and the trajectory options, as one parameter `motion`: `TrajectoryOptions`."""

@@ -1,7 +1,6 @@
 """What ``bcapscope tui`` shows: the Tester, a proxy or a simulator.
 
-Each function imports only its own screens, after it has started a child process. If this module imported all
-screens, the first screen of ``tui --sim`` would appear 0.1 s later.
+Each function imports its screens only after it started a child process, which saves 0.1 s at `tui --sim`.
 """
 
 from __future__ import annotations
@@ -70,9 +69,7 @@ def show_tester(
 def show_proxy(
     address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    """Show the running proxy with this control socket. If the address is "", start a new proxy and show its
-    traffic.
-    """
+    """Show the running proxy with this control socket; "" starts a new proxy."""
     if not address:
         _show_own_proxy(listen, to, record, rules)
     elif listen or to or record or rules.command_line or rules.control:
@@ -115,7 +112,6 @@ def _show_own_proxy(
 
 
 def show_simulator(ports: Sequence[int], profile: str | None, scenario: str | None) -> None:
-    """Start a simulator on loopback and show its traffic."""
     words = ["--port", f"{_server_port(ports)}", "--quiet"]
     words += ["--profile", profile] if profile else []
     words += ["--scenario", scenario] if scenario else []
@@ -157,7 +153,6 @@ def _show_proxy_screens(
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Return the figures of the proxy whose control socket has this address. If no proxy answers, exit."""
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
 
@@ -170,9 +165,7 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the `with` block. At the end of the block, terminate
-    the child process and print its remaining output.
-    """
+    """Run a bcapscope command as a child process. At the end, terminate it and print its remaining output."""
     try:
         child = ChildProcess(*words, "--lang", current_language())
     except ChildStartError as error:
