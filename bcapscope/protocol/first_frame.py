@@ -8,7 +8,7 @@ from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
 """The first frame counts as complete when this number of bytes has arrived. Requests that open a session are
-much shorter than this number.
+much shorter.
 """
 
 _LONGEST_STOP = 1024

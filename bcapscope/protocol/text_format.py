@@ -8,9 +8,8 @@ _FORMULA_STARTS = tuple("=+-@\t\r＝＋－＠")
 
 
 def is_spreadsheet_formula(text: str) -> bool:
-    """Return whether a spreadsheet would interpret a text as a formula.
-
-    Japanese spreadsheets also treat the full-width forms of `=`, `+`, `-` and `@` as the start of a formula.
+    """Return whether a spreadsheet would interpret a text as a formula. Japanese spreadsheets also accept the
+    full-width forms of `=`, `+`, `-` and `@`.
     """
     return text.lstrip(" \u3000").startswith(_FORMULA_STARTS)
 

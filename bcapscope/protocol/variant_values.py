@@ -19,10 +19,9 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 def variant_of(value: object) -> Variant:
     """Convert a Python value to a VARIANT. Raise LocalProtocolError if b-CAP has no type for this value.
 
-    None becomes EMPTY, bool becomes BOOL, int becomes I4 (or I8 if too large for I4), float becomes R8, str
-    becomes BSTR, and bytes become an array of UI1. A list of values of one type becomes an array of this
-    type. A list of int and float becomes an array of R8. Any other list becomes an array of VARIANT. A
-    Variant stays unchanged.
+    None becomes EMPTY, bool BOOL, int I4 (or I8 if too large for I4), float R8, str BSTR, and bytes an array
+    of UI1. A list of values of one type becomes an array of this type, a list of int and float an array of
+    R8, and any other list an array of VARIANT. A Variant stays unchanged.
     """
     if isinstance(value, Variant):
         return value
@@ -75,7 +74,6 @@ def argument_of(function: Function, param: Param, value: object) -> Variant:
 
 
 def plain_value(variant: Variant) -> Value:
-    """Return the Python value of a VARIANT. If the value is a VARIANT array, convert its elements too."""
     if isinstance(variant.value, tuple):
         return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
     return variant.value

@@ -57,9 +57,7 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Size in bytes of the largest frame over UDP or a serial line (orin_bcap C/include/dn_udp.h). Over UDP,
-`Requester` refuses to send a longer frame.
-"""
+"""Size in bytes of the largest frame over UDP or a serial line (orin_bcap C/include/dn_udp.h)."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -225,9 +223,8 @@ def parse_captured_datagram(
     """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to this
     frame.
 
-    A valid datagram holds exactly one frame. DENSO's C server and client compare the frame's length field
-    with the number of received bytes. If the length field does not match the size of the datagram, the C
-    server stops its UDP service (orin_bcap C/src/bCAPServer/bcap_server.c).
+    If the length field does not match the size of the datagram, DENSO's C server stops its UDP service
+    (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -289,9 +286,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Encode a frame quickly if its only argument is a short array of numbers, as in a reply to slvMove.
-    Return None if `row` is not a short array of numbers.
-    """
+    """Encode a frame if its only argument is a short array of numbers, as in a reply to slvMove."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS

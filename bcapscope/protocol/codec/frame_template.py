@@ -1,10 +1,8 @@
 """Templates: the parts that similar frames share. With a template, only the first of a million set points is
 decoded in full.
 
-Robot traffic is repetitive. Two set points of a slave-mode session differ only in the serial, the reserved
-field and the numbers inside their arguments. If a frame has several arguments, the first argument is a
-handle. Frames with different handles have different templates. A session uses only a few handles, so the
-number of templates stays small.
+Two set points of a slave-mode session differ only in the serial, the reserved field and the numbers inside
+their arguments. Frames with different handles have different templates, but sessions use few handles.
 """
 
 from __future__ import annotations
@@ -23,26 +21,20 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template with one numeric argument: values before the numeric argument, function that inserts numbers
-into the numeric argument, value of the numeric argument in the template, values after the numeric argument.
-"""
+"""For a template with one numeric argument: values before it, its filler, its value, values after it."""
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates of a `FrameTemplates` object. At this limit, `FrameTemplates` forgets all its
-templates, and learns templates again.
-"""
+"""Maximum number of templates. At this limit, `FrameTemplates` forgets all templates and learns again."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""
 
 
 class _FrameShape:
-    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field. All
-    bytes except numbers, serial and reserved field identify the template of a frame.
-    """
+    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field."""
 
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
         self.size = size
@@ -66,8 +58,7 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """Holds the parts that similar frames share. bcapscope learns each template from one valid frame, the
-    original, which was decoded in full.
+    """The parts that similar frames share, learned from one valid frame, the original.
 
     A frame matches the template if only its serial, reserved field and numbers in arguments differ from the
     original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
@@ -76,7 +67,7 @@ class FrameTemplate:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
-        fixed_parts: Function that takes the bytes of a frame, and returns the parts that all matching frames
+        fixed_parts: Function that returns, from the bytes of a frame, the parts that all matching frames
             share.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
@@ -114,8 +105,8 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame that matches this template. `numbers` are the numbers in the
-        frame's arguments, in order.
+        """Return the arguments of a frame that matches this template. `numbers` are the numbers in them, in
+        order.
         """
         if not numbers:
             return self.prototype
@@ -123,9 +114,6 @@ class FrameTemplate:
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Do the same as `fill_arguments`, but return only the values of the arguments, without their
-        positions.
-        """
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -138,9 +126,8 @@ class FrameTemplate:
 
 
 class FrameTemplates:
-    """Decodes frames, and learns templates from these frames. The templates need only bounded memory.
-
-    Decoding is fast if all frames of one capture or connection share one `FrameTemplates` object.
+    """Decodes frames, and learns templates from them in bounded memory. All frames of one capture or
+    connection should share one `FrameTemplates` object.
     """
 
     def __init__(self) -> None:
@@ -149,10 +136,8 @@ class FrameTemplates:
         self._recent: tuple[FrameContent, ...] = ()
 
     def decode(self, raw: bytes) -> DecodedFrame:
-        """Return a frame's template and numbers. If the frame has no template, return its decoded content.
-
-        A frame has no template if it has problems, is longer than `LARGEST_TEMPLATE_FRAME`, or is not
-        `Framing.PLAIN`.
+        """Return a frame's template and numbers. If the frame has problems, is longer than
+        `LARGEST_TEMPLATE_FRAME`, or is not `Framing.PLAIN`, return its decoded content.
         """
         for shape in self._shapes.get(len(raw), ()):
             template = shape.find_template(shape.fixed_parts(raw))
@@ -161,10 +146,8 @@ class FrameTemplates:
         return self._decode_in_full(raw)
 
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
-        """Decode a frame that matches no template, and learn a template from the frame if possible.
-
-        Programs often decode the same `raw` object several times in a row. `_recent` caches the last two
-        frames without a template, which are usually a request and its reply.
+        """Decode a frame that matches no template, and learn a template from the frame if possible. `_recent`
+        caches a request and its reply, because programs decode the same `raw` object several times in a row.
         """
         for content in self._recent:
             if content.raw is raw:
@@ -226,7 +209,6 @@ def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
 
 
 def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
-    """Yield the numbers of a value in the order of the frame."""
     value = variant.value
     if number_count(variant) == 0:
         return

@@ -1,8 +1,4 @@
-"""Finds the position and meaning of each field of a frame. The screen shows these fields as a tree, and
-highlights their bytes.
-
-`bcapscope.protocol.codec.arguments` decodes the values; this module finds the bytes of each value.
-"""
+"""Find the position and meaning of each field of a frame, for the tree of fields on the screen."""
 
 from __future__ import annotations
 
@@ -54,10 +50,10 @@ class FrameField:
 
     Attributes:
         stop: Offset after the field's last byte; equal to `start` if the frame lacks the field.
-        value: Value of the field; None if the field has no value or its value is unreadable.
+        value: None if the field has no value or its value is unreadable.
         vt: VARIANT type of `value`; None for numbers of the header.
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
-        unit: Unit of the value: `mm`, `deg`, or empty.
+        unit: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
         children: Fields that together cover this field without a gap. The elements of a number array are
             created on access, so a large array costs nothing until its elements are displayed.
@@ -80,11 +76,8 @@ def frame_fields(
     """Return the fields of a frame, from SOH to EOT. The offsets of the fields refer to `Frame.body`.
 
     Every byte belongs to exactly one field without children, even in a damaged frame. If EOT is missing, its
-    field has no bytes; if EOT is damaged, its field has the damaged byte. For a compressed frame, this
-    function returns the fields of the unpacked content; `envelope_fields` returns the fields on the wire.
-
-    For a reply, `function_id` and `command` come from the request; both are None if the request was not
-    captured.
+    field has no bytes; if EOT is damaged, its field has the damaged byte. For a reply, `function_id` and
+    `command` come from the request; both are None if the request was not captured.
     """
     if is_request:
         function_id, command = frame.code, command_name(frame.code, frame.variants)
@@ -129,8 +122,6 @@ def _envelope_problems(frame: Frame) -> list[Problem]:
 
 
 class _FieldBuilder:
-    """Builds the fields of one frame from its decoded values, in the order of the frame."""
-
     def __init__(self, frame: Frame, problems: list[Problem], body: bytes | None = None) -> None:
         self._frame = frame
         self.body = frame.body if body is None else body
@@ -167,7 +158,6 @@ class _FieldBuilder:
         yield from self._tail_fields(pos)
 
     def header_fields(self) -> Iterator[FrameField]:
-        """Yield the fields before the function id or HRESULT."""
         yield self.field("SOH", 0, 1)
         for name, start, stop in (("length", 1, 5), ("serial", 5, 7), ("reserved", 7, 9)):
             yield self.number_field(name, start, stop)
@@ -193,15 +183,11 @@ class _FieldBuilder:
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range. The result does not include the problem of a value that is
-        truncated exactly at `stop`.
-        """
+        """Return the problems in a byte range, except that of a value that is truncated exactly at `stop`."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose sort keys are from `first` to `behind` - 1. The function `_doubled_place`
-        computes the sort key of a problem.
-        """
+        """Return the problems whose sort keys (see `_doubled_place`) are from `first` to `behind` - 1."""
         placed = self._placed
         if not placed:
             return ()
@@ -291,9 +277,8 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice the problem's offset. If the problem says that an argument is
-    truncated, the sort key is twice the offset minus 1. The smaller key assigns the problem to the truncated
-    argument, not to the next argument.
+    """Return a sort key for a problem: twice its offset, minus 1 if it says that an argument is truncated. So
+    the problem belongs to the truncated argument, not to the next argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

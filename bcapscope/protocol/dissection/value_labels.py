@@ -27,12 +27,10 @@ from bcapscope.protocol.tables.table_text import table_message
 
 
 class ValueLabel(NamedTuple):
-    """Name, unit and meaning of a value in an argument or a result.
+    """Name, unit and meaning of a value in an argument or a result; each may be empty.
 
     Attributes:
-        name: Name of the value, such as `J1` or `hand I/O`; may be empty.
-        unit: Unit of the value: `mm`, `deg`, or empty.
-        text: One clause that explains the value; may be empty.
+        unit: `mm`, `deg`, or empty.
         elements: Labels of the value's first elements, in order; () if unknown.
     """
 
@@ -48,9 +46,8 @@ NO_LABEL = ValueLabel()
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     """Name the elements of slvMove's parameter or result.
 
-    In the returned label, `name` is empty. This function does not know the formats and the slave mode,
-    because earlier calls chose them. The function guesses the names from the number and types of the
-    elements. If the names are guessed, the label's `text` says so.
+    The formats and the slave mode, which earlier calls chose, are not known here. The names are therefore
+    guessed from the number and types of the elements, and the label's `text` says so.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_part_labels(found._asdict()))
@@ -74,8 +71,7 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""Labels for each field of `SetPoint` and `Feedback`, one label per element of slvMove's array. The fields of
-`SetPoint` and `Feedback` have the same order as the elements of slvMove's array.
+"""For each field of `SetPoint` and `Feedback`, one label per element of slvMove's array, in the same order.
 """
 
 
@@ -142,10 +138,7 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the label of the value in a reply. `name` is the name of the value, such as `hRobot`.
-
-    `function_id` and `command` belong to the request that the reply answers.
-    """
+    """Return the label of the value in a reply to the request of `function_id` and `command`."""
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)

@@ -41,7 +41,7 @@ class RetryPolicy(NamedTuple):
 
     Attributes:
         timeout: Timeout of each attempt, ns.
-        retries: Number of retries after the first attempt; ignored over TCP, where clients do not retry.
+        retries: Ignored over TCP, where clients do not retry.
     """
 
     timeout: int
@@ -91,8 +91,8 @@ class LateReply:
     """A reply that the client discards, because it answers an earlier attempt or a call that has ended.
 
     Attributes:
-        time: Time in ns at which the late reply arrived.
-        sent: Time in ns at which the client sent the attempt that the late reply answers.
+        time: Time of arrival, ns.
+        sent: Time at which the answered attempt was sent, ns.
     """
 
     reply: Frame
@@ -106,8 +106,6 @@ RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply
 
 @dataclass(eq=False)
 class _OpenAttempt:
-    """One attempt of the current or an earlier call, with the attempt's events so far."""
-
     serial: int
     reserved: int
     sent: int
@@ -120,19 +118,17 @@ class _OpenAttempt:
 class Requester:
     """Makes one call at a time, because a controller executes the calls of a client one after another.
 
-    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, unless the program gives the call up
-    with `abandon`.
+    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, except with `abandon`.
 
     Attributes:
         deadline: Time in ns at which the program must call `handle_timeout`; None if no call is in progress.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
-        """Start a conversation with the controller.
+        """Start a conversation with the controller, over UDP or TCP as `convention` requires.
 
-        `convention` says how to fill the reserved field. The conventions for UDP and TCP differ, so
-        `convention` also selects UDP or TCP. Only UDP has retries and a size limit. Do not start with serial
-        0, because the C server mistakes a new client's first request with serial 0 for a retry.
+        Do not start with serial 0, because the C server mistakes a new client's first request with serial 0
+        for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
@@ -216,14 +212,11 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives after `abandon` is a
-        late reply.
-        """
+        """Give up the call in progress and return its attempts. A reply after `abandon` is a late reply."""
         self.deadline = None
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
-        """Return the frames to send now. Later calls of `data_to_send` do not return these frames."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 

@@ -27,9 +27,7 @@ class ReservedConvention(StrEnum):
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
-    """Return the conventions that clients use, the most usual first. `datagrams` is True for UDP, False for
-    TCP.
-    """
+    """Return the conventions that clients use over UDP (`datagrams`) or TCP, the most usual first."""
     if datagrams:
         return ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN
     return ReservedConvention.TCP0, ReservedConvention.TCP1

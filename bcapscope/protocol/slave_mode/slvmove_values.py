@@ -57,7 +57,6 @@ class SetPoint(NamedTuple):
     Attributes:
         pose: Target pose; None if the parameter holds no pose.
         mini_io: Word that the controller writes to the mini I/O; bit 0 is IO0.
-        user_write: I/O bits that the controller writes.
         user_read: I/O bits that the controller returns in the reply.
         hand_io: Word that the controller writes to the hand I/O; bit 0 is IO48.
         guessed: Whether the pose type or the order of elements is a guess.
@@ -78,12 +77,10 @@ class Feedback(NamedTuple):
 
     Attributes:
         timestamp: Time since the controller's start, in ms or µs, as a signed 32-bit number that overflows.
-        microseconds: Whether `timestamp` is in µs.
         poses: The current pose in each requested pose type, at most two.
         mini_io: Word read from the mini I/O; bit 0 is IO0.
         user_io: I/O bits that the set point requested.
         hand_io: Word read from the hand I/O; bit 0 is IO48.
-        current: Motor current of each axis.
         guessed: Whether the pose type or the order of elements is a guess.
         problems: How the result differs from the expected form.
     """
@@ -135,10 +132,8 @@ def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
     """Decode slvMove's result. If the result has an unexpected form, return the elements that fit, and the
-    problems.
-
-    A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
-    numbers counts as a pose of the slave mode's `pose_type`.
+    problems. EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as
+    a pose of the slave mode's `pose_type`.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -163,9 +158,7 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose if the value has the usual form: a float array of exactly the right length. Otherwise,
-    return None.
-    """
+    """Return the pose if the value has the usual form: a float array of exactly the right length."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -259,9 +252,7 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Return a dictionary with the value of each element, and a list of problems. The keys of the dictionary
-    are the names in `layout`. A value is a tuple of numbers, an integer, or bytes.
-    """
+    """Return the value of each element of `layout` by name, and the problems."""
     named: dict[str, Any] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -285,8 +276,8 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether `layout` is a plausible arrangement of the elements in `parts`. User I/O must be valid.
-    If there is hand I/O without mini I/O, the upper 8 bits of the hand I/O must be 0.
+    """Return whether `layout` is a plausible arrangement. User I/O must be valid. If there is hand I/O
+    without mini I/O, the upper 8 bits of the hand I/O must be 0.
     """
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):

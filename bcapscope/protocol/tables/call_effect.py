@@ -14,8 +14,6 @@ from bcapscope.protocol.tables.table_rows import table_rows
 
 
 class CallEffect(IntEnum):
-    """Strongest effect that a call can have on the robot. A larger number is a stronger effect."""
-
     READS = 0
     """Only reads data from the controller."""
     SESSION = 1
@@ -39,5 +37,4 @@ reads the arguments of the request.
 
 
 def function_effect(function_id: int) -> CallEffect:
-    """Return the strongest effect that a function can have; `MOVES` for an unknown id."""
     return FUNCTION_EFFECTS.get(function_id, CallEffect.MOVES)

@@ -36,9 +36,7 @@ E_NOT_CONNECTED = 0x80000902
 E_MAX_OBJECT = 0x80000905
 E_TOO_MUCH_DATA = 0x80000909
 E_BUSY = 0x809100AA
-"""The C server replies with this code while an earlier call of the same connection runs. The name is
-bcapscope's own, because DENSO has no name for this code.
-"""
+"""The C server's code while an earlier call of the same connection runs. The name is bcapscope's own."""
 E_NOT_IN_SLAVE_MODE = 0x83500121
 E_REFUSED_IN_SLAVE_MODE = 0x83501032
 E_SLAVE_UNDERFLOW = 0x84201482
@@ -48,8 +46,8 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels of the controller; `level_name` returns the name of an error level. DENSO's error list does
-not name levels 2 and 3, so bcapscope derives their names from the texts of the errors.
+"""Error levels of the controller. DENSO's error list does not name levels 2 and 3, so bcapscope derives their
+names from the texts of the errors.
 """
 
 _ENDS_SLAVE_MODE = 3
@@ -69,14 +67,13 @@ class HresultInfo:
     Attributes:
         code: The result code, unsigned, 32 bits.
         name: DENSO's symbol for the code; None if there is no symbol.
-        meaning: One clause that says what the code means.
-        advice: One clause that says what to do about the code; None if there is no advice.
-        level: Error level 0..5; None if the code has no level.
-        subsystem: Part of the controller that reports the code; None if unknown.
-        axis: Axis 1..8; None if the code names no axis.
-        rc7: The four-digit code of RC7 with the same meaning; None if unknown.
-        is_listed: Whether a table lists the code; False if bcapscope derived the meaning from the code's
-            digits or range.
+        advice: One clause that says what to do about the code.
+        level: Error level 0..5.
+        subsystem: Part of the controller that reports the code.
+        axis: Axis 1..8.
+        rc7: The four-digit code of RC7 with the same meaning.
+        is_listed: Whether a table lists the code; False if bcapscope derived the meaning from its digits or
+            range.
         is_guess: Whether `meaning` depends on an assumption that no paper confirms.
     """
 
@@ -97,9 +94,9 @@ class HresultInfo:
 
 
 def is_failure(code: int) -> bool:
-    """Return whether a result code, signed or unsigned, reports a failure. A failure has the top bit set, or
-    is a four-digit number such as 0000600B. On RC7, any code other than S_OK is an error (DENSO Wave 2009,
-    How to use the Slave mode). Four-digit numbers never report success.
+    """Return whether a result code, signed or unsigned, reports a failure: its top bit is set, or it is a
+    four-digit number such as 0000600B. On RC7, any code other than S_OK is an error (DENSO Wave 2009, How to
+    use the Slave mode).
     """
     return bool(code & 0x80000000) or 0x1000 <= code <= 0xFFFF
 
@@ -107,9 +104,8 @@ def is_failure(code: int) -> bool:
 def ends_slave_mode(code: int) -> bool:
     """Return whether a result code, signed or unsigned, is an error that switches slave mode off.
 
-    Errors of level 3 and above switch slave mode off. On RC7, whose codes have four digits, every error
-    switches slave mode off (DENSO Wave 2009, How to use the Slave mode). A buffer overflow does not switch
-    slave mode off.
+    Errors of level 3 and above do so, except a buffer overflow. On RC7, whose codes have four digits, every
+    error does (DENSO Wave 2009, How to use the Slave mode).
     """
     code &= 0xFFFFFFFF
     if not is_failure(code) or code == E_SLAVE_OVERFLOW:
@@ -120,18 +116,14 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope treats a result code as a four-digit code of RC7. bcapscope recognises RC7's
-    codes in the forms 0000xxxx and 8000xxxx.
-    """
+    """Return whether a result code counts as a four-digit code of RC7: 0000xxxx or 8000xxxx."""
     code &= 0xFFFFFFFF
     in_range = any(first <= code <= last for first, last, _ in _RANGES)
     return _has_rc7_form(code) and code not in _KNOWN and not in_range
 
 
 def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
-    """Return `codes` together with RC7's codes of the same meaning, in the forms 0000xxxx and 8000xxxx. A
-    four-digit code in `codes` counts as a code of RC7.
-    """
+    """Return `codes` together with RC7's codes of the same meaning, in the forms 0000xxxx and 8000xxxx."""
     plain = frozenset(codes)
     numbers = {code for code in plain if code <= 0xFFFF}
     numbers |= {int(rc7, 16) for code in plain if (rc7 := describe_hresult(code).rc7) is not None}
@@ -139,9 +131,7 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 
 def rc7_digits_guessed(code: int) -> str | None:
-    """Return the four digits of a code of the form 8000xxxx; None for any other code. bcapscope only guesses
-    that RC7 sends codes in this form.
-    """
+    """Return the four digits of a code of the form 8000xxxx, which RC7 may send; else None."""
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
@@ -164,9 +154,8 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a result code, signed or unsigned. Only the low 32 bits count.
-
-    If the controller is an RC7 (`rc7`), the low 16 bits of an unknown code may be a four-digit code.
+    """Return the meaning of a result code, signed or unsigned. Only the low 32 bits count. With `rc7`, the
+    low 16 bits of an unknown code may be a four-digit code.
     """
     code &= 0xFFFFFFFF
     known = _KNOWN.get(code)
@@ -212,9 +201,6 @@ def level_name(level: int) -> Message:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
-    """Return the error level and the subsystem of a code. The level or the subsystem is None if the code does
-    not show it.
-    """
     if not _has_level_digits(code):
         return None, None
     part = code >> 20 & 0xF
@@ -265,9 +251,7 @@ def _info_as_rc7(code: int) -> HresultInfo:
 
 
 def _info_from_row(code: int, row: dict[str, str], axis: int | None = None) -> HresultInfo:
-    """Return the meaning of a listed code. `row` is the row of the code in the table. Codes that differ
-    only in the axis may share one row.
-    """
+    """Return the meaning of a listed code. Codes that differ only in the axis may share one row."""
     level, subsystem = _level_and_subsystem(code)
     key = f"hresult.{code:08X}" if axis is None else f"hresult.axis.{code & ~0xF:08X}"
     meaning = Message.from_table(key, row["text"])
@@ -297,9 +281,7 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map RC7's four-digit codes to their meanings. If several RC8 codes have the same RC7 code, use the
-    first RC8 code.
-    """
+    """Map RC7's four-digit codes to their meanings; the first RC8 code with an RC7 code counts."""
     table: dict[int, HresultInfo] = {}
     for row in _ROWS:
         if len(row["code"]) == 4:
