@@ -65,11 +65,9 @@ class CallState(StrEnum):
     """State of a call. `pairing_states` defines the transitions between the states."""
 
     WAITING = "waiting"
-    """The client waits for the reply."""
     EXECUTING = "executing"
-    """The client waits for the reply, and the controller has sent S_EXECUTING."""
+    """The controller has sent S_EXECUTING, and the client waits for the reply."""
     ANSWERED = "answered"
-    """The controller has answered the latest attempt."""
     ABANDONED = "abandoned"
     """The client began another call before it received a reply to this call."""
     UNANSWERED = "unanswered"

@@ -103,7 +103,6 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_frames(call: Call) -> CallVerdict:
-    """Return the verdict from the frames that surely belong to the call."""
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if _sure(call, call.late_replies):
@@ -144,8 +143,8 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
     """Return whether an attempt evidently got lost on its way to a capture point at the controller.
 
-    A capture at the controller normally holds every reply, so an attempt without a reply did not reach the
-    controller. `received` holds the serials of the attempts with replies or notices.
+    Such a capture normally holds every reply. `received` holds the serials of the attempts with replies or
+    notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
@@ -166,10 +165,8 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the undamaged replies to the call differ in result or value.
-
-    E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
-    call.
+    """Return whether the undamaged replies to the call differ in result or value. E_BUSY and S_EXECUTING do
+    not show whether the controller executed the call.
     """
     accepted = () if call.reply is None else (call.reply,)
     replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))

@@ -20,14 +20,12 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns from a reply to a retry that the client was already preparing. The limit applies to
-captures on the client's computer.
+"""Maximum time in ns from a reply to a retry that the client was already preparing, in captures at the
+client.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed time in ns of a round trip from the capture point to the client and back. Factory networks delay a
-frame by milliseconds.
-"""
+"""Assumed round-trip time in ns from the capture point to the client. Factory networks take milliseconds."""
 
 _REACTIONS = 3  # minimum number of a client's reaction times; one short time can be a coincidence
 _MARGIN = 2  # a round trip may take this many times as long as the shortest round trips
@@ -47,16 +45,14 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    `CrossingWindow` estimates the round-trip time between capture point and client from the client's reaction
-    times. A reaction time is the time between the captures of a reply and of the client's next request. Each
-    reaction time includes a round trip between capture point and client.
+    The client's reaction times, from the capture of a reply to that of its next request, include the round
+    trip between capture point and client.
 
     Attributes:
-        considered_below_ns: Limit in ns: `CrossingWindow` uses only reaction times below this limit.
+        considered_below_ns: Only reaction times below this limit, in ns, are used.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. For a capture at the client, `nanoseconds` is always `CROSSING_AT_CLIENT_NS`."""
         self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
@@ -68,8 +64,8 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Add the client's reaction time: the time from the call's reply to the client's next request. Ignore
-        a retried call, because the client may have given up before the reply came.
+        """Add the client's reaction time. Ignore a retried call, because the client may have given up before
+        the reply came.
         """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (

@@ -97,13 +97,12 @@ Test: TypeAlias = Callable[[Any], bool]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A valid filter expression. `bind` turns the expression into a test that reads the fields with getters.
+    """A valid filter expression.
 
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
-        unknown_values: Values in the expression that are missing from bcapscope's tables. An unknown value
-            may be valid, or a typing mistake that makes the filter select nothing.
+        unknown_values: Values that are missing from bcapscope's tables; they may be typing mistakes.
     """
 
     expression: str
@@ -118,11 +117,9 @@ class Filter:
         """Return a function that tests a record. The function raises only exceptions that a getter raises.
 
         Args:
-            getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
-                as `FieldType` specifies. Additional getters are ignored. `bind` creates a missing getter of
-                `t`.
-            first_time: Function that returns the zero point of `t`, ns since 1970; None to use the time of
-                the first tested record.
+            getters: Additional getters are ignored. `bind` creates a missing getter of `t`.
+            first_time: Returns the zero point of `t`, ns since 1970; None for the time of the first tested
+                record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -135,8 +132,6 @@ class Filter:
 
 
 class _ElapsedTime:
-    """The getter of `t`."""
-
     def __init__(self, time_of: Callable[[Any], object], first_time: Callable[[], int] | None) -> None:
         self._time_of = time_of
         self._first_time = first_time
@@ -201,7 +196,7 @@ class _Parser:
         return token
 
     def accept(self, sign: str, word: str = "") -> bool:
-        """Consume the next token if it is this sign or word; return whether a token was consumed."""
+        """Consume the next token if it is this sign or word; return whether it was consumed."""
         found = self.peek().is_sign(sign) or self.peek().is_word(word)
         self.position += found
         return found
@@ -255,9 +250,7 @@ class _Parser:
         return lambda record: match(read(record)) is True
 
     def parse_subject(self) -> tuple[ComparedField, list[int]]:
-        """Consume a field name and its indexes. Return the left side of the comparison, and the list of
-        indexes.
-        """
+        """Consume a field name and its indexes; return the left side of the comparison and the indexes."""
         token = self.advance()
         if token.kind is not TokenKind.WORD:
             case = "filter.no-field-but" if token.text else "filter.no-field"
@@ -292,9 +285,8 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Parse the rest of a comparison of `subject` with another field, such as `< reserved`. Return a
-        function that tests a record. Consume nothing and return None if no comparison with a field of the
-        same numeric type follows.
+        """Parse the rest of a comparison with another field of the same numeric type, such as `< reserved`.
+        Consume nothing and return None if no such comparison follows.
         """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
@@ -313,9 +305,7 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. For a field without a comparison sign, return the
-        built-in `bool`.
-        """
+        """Consume a comparison sign and its operand. Without a comparison sign, return `bool`."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

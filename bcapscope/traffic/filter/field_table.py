@@ -1,7 +1,6 @@
 """The fields of the filter syntax (`fields.tsv`), for the compiler and for the help.
 
-The field names are the same as in the JSON of `decode` and `calls`. The getter of a field returns a value of
-the field's type, or None if the record has no such value.
+The field names are the same as in the JSON of `decode` and `calls`.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from bcapscope.traffic.reserved_field import ReservedConvention
 
 
 class RecordKind(StrEnum):
-    """Kind of record that a filter tests."""
-
     FRAME = "frame"
     CALL = "call"
 
@@ -68,7 +65,6 @@ class FilterField(NamedTuple):
     """One field of the filter syntax.
 
     Attributes:
-        type: Type of the field's values. The type determines which comparisons are permitted.
         applies_to: Kinds of record that have the field.
         meaning: Description of the field in the help.
         unit: Unit assumed for a number that is written without a unit; "" if the field has no unit.

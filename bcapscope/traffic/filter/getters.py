@@ -123,13 +123,10 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
     "problems": lambda frame: [str(problem.reason) for problem in frame.observation.item.problems],
 }
-"""Getter of each frame field, by name."""
 
 
 def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], object]:
-    """Return a getter for an address of a call. If a proxy forwarded the call, the getter returns the
-    addresses on both legs.
-    """
+    """Return a getter for an address of a call, or for the addresses on both legs of a proxy."""
 
     def get(call: Call) -> object:
         near, far = call.conversation, call.conversation.controller_leg
@@ -160,4 +157,3 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "captured_again": lambda call: [seen.number for seen in call.captured_again],
     **{name: attrgetter(name) for name in _CALL_ATTRIBUTES.split()},
 }
-"""Getter of each call field, by name."""

@@ -20,15 +20,13 @@ from bcapscope.traffic.filter.matching import Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds per unit. The prefix micro can be written as u, as the micro sign or as the Greek letter mu."""
+"""Nanoseconds per unit. The prefix micro can be u, the micro sign or the Greek letter mu."""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Smallest plausible capture time: 1973-03-03, as ns since 1970. In a filter, a time between 1970 and this
-time is probably a mistake.
-"""
+"""1973-03-03, as ns since 1970. An earlier time in a filter is probably a mistake."""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -43,8 +41,7 @@ class ComparedField(NamedTuple):
     Attributes:
         expression: The whole filter expression, for error messages.
         field: Field at the start of the left side, without indexes.
-        type: Type of the left side's values: the type of the field, or of the element that the indexes
-            select.
+        type: Type of the left side's values: of the field, or of the element that the indexes select.
         start: Index of the left side's first character in `expression`.
     """
 
@@ -67,12 +64,10 @@ class ComparedField(NamedTuple):
 
 
 def equality(compared: ComparedField, literals: Sequence[Token], negated: bool) -> Match:
-    """Compile ``==``, ``!=``, ``in`` and ``not in``."""
     return matches.equality([_literal_match(compared, literal) for literal in literals], negated)
 
 
 def order(compared: ComparedField, sign: str, literal: Token) -> Match:
-    """Compile ``<``, ``<=``, ``>`` and ``>=``."""
     check_literal(compared, literal)
     if compared.type is FieldType.HRESULT:
         signed = literal.kind is TokenKind.NUMBER and not _is_hex(literal) and int_of(literal) < 2**31
@@ -83,7 +78,6 @@ def order(compared: ComparedField, sign: str, literal: Token) -> Match:
 
 
 def contains(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``contains``."""
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
         compared.fail(compared.mismatch("contains-nothing"))
@@ -100,7 +94,6 @@ def contains(compared: ComparedField, literal: Token) -> Match:
 
 
 def search(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``~``."""
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
         compared.fail(compared.mismatch("search-needs-text"))
     check_literal(compared, literal)
@@ -126,9 +119,7 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message if the literal is not among the known values of the field. The message may suggest the
-    most similar known value.
-    """
+    """Yield a message if the literal is not among the known values of the field."""
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)
@@ -142,11 +133,7 @@ def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
 
 
 def check_literal(compared: ComparedField, token: Token) -> None:
-    """Check that a token is a literal value.
-
-    Raises:
-        FilterError: The token is a sign, a reserved word, or the end of the expression.
-    """
+    """Raise a `FilterError` if a token is a sign, a reserved word, or the end of the expression."""
     if token.kind is TokenKind.END:
         compared.fail_at(token, Message("filter.no-operand", name=compared.name))
     if token.kind is TokenKind.SIGN:

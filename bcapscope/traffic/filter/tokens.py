@@ -69,9 +69,9 @@ class Token(NamedTuple):
     """One token of a filter expression.
 
     Attributes:
-        text: Text of the token, without quotes and without the unit of a number. Escapes are resolved.
+        text: Text without quotes and without the unit of a number. Escapes are resolved.
         stop: Index of the first character after the token.
-        unit: Unit of a number, such as ``ms``; "" if there is none. A space may precede a unit of time.
+        unit: Unit of a number, such as ``ms``. A space may precede a unit of time.
     """
 
     kind: TokenKind
@@ -84,7 +84,7 @@ class Token(NamedTuple):
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
-        """Return whether the token is one of these keywords, in upper or lower case."""
+        """Return whether the token is one of these keywords, ignoring case."""
         return self.kind is TokenKind.WORD and self.text.casefold() in texts
 
 

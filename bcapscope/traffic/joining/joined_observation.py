@@ -21,17 +21,15 @@ class CapturePlace(IntEnum):
 
 class JoinedObservation(Observation):
     """One frame of a conversation that was captured at two places. A sighting is the frame as captured at one
-    place. The inherited fields are from the sighting at the client's side. If the client's side lacks the
-    frame, the inherited fields are from the sighting at the controller's side. The endpoints in `flow` are
-    usually those at the client's side.
+    place. The inherited fields are from the sighting at the client's side or, without it, at the controller's
+    side. The endpoints in `flow` are usually those at the client's side.
 
     Attributes:
         at_client: Sighting at the client's side; None if the frame was not captured there.
         at_controller: Sighting at the controller's side; None if the frame was not captured there.
         is_missed: Whether one place lacks the frame although traffic was being captured at both places.
         is_relayed: Whether a proxy is between the two places.
-        note: What a proxy did to the frame, from the comment on the packet; "" if the proxy did not change
-            the frame.
+        note: What a proxy did to the frame; "" for nothing.
         delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
     """
 
@@ -72,7 +70,6 @@ class JoinedObservation(Observation):
         return (self.delay or 0) if self.is_relayed else 0
 
     def sightings(self) -> Iterator[Observation]:
-        """Yield the sightings, beginning with the sighting at the client's side."""
         for sighting in (self.at_client, self.at_controller):
             if sighting is not None:
                 yield sighting
@@ -116,7 +113,7 @@ def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
 
 
 def sighting_numbers(observation: object) -> tuple[int, ...]:
-    """Return the frame numbers of an observation: one number for each place that captured the observation."""
+    """Return the frame number at each place that captured the observation."""
     if isinstance(observation, JoinedObservation):
         return tuple(sighting.number for sighting in observation.sightings())
     return (observation.number,) if isinstance(observation, Observation) else ()
