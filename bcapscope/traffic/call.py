@@ -224,9 +224,9 @@ class Call:
     @property
     def attempts(self) -> tuple[FrameObservation, ...]:
         """All captured attempts of the call, oldest first."""
-        return (
-            (self.request, *self._frames_with_role(FrameRole.RETRY)) if self.other_frames else (self.request,)
-        )
+        if not self.other_frames:
+            return (self.request,)
+        return (self.request, *self._frames_with_role(FrameRole.RETRY))
 
     @property
     def retries(self) -> int:

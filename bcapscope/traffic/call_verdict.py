@@ -157,11 +157,9 @@ def _lost_replies(call: Call) -> tuple[FrameObservation, ...]:
 
 
 def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
-    return (
-        frames
-        if call.sure_until is None
-        else [frame for frame in frames if call.surely_has(frame.item.serial)]
-    )
+    if call.sure_until is None:
+        return frames
+    return [frame for frame in frames if call.surely_has(frame.item.serial)]
 
 
 def _replies_differ(call: Call) -> bool:

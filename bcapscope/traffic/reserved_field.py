@@ -19,21 +19,16 @@ class ReservedFieldUsage(NamedTuple):
         """Evaluate a request on TCP. With serial 1, a 1 in the reserved field may be the protocol version."""
         if reserved == serial == 1:
             return self
-        if reserved in (0, 1):
-            return self._replace(convention=ReservedConvention.TCP1 if reserved else ReservedConvention.TCP0)
-        return self._replace(
-            convention=ReservedConvention.OWN if reserved == serial else ReservedConvention.UNKNOWN
-        )
+        known = {serial: ReservedConvention.OWN, 0: ReservedConvention.TCP0, 1: ReservedConvention.TCP1}
+        return self._replace(convention=known.get(reserved, ReservedConvention.UNKNOWN))
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
         """Evaluate a first attempt on UDP, whose reserved field holds 0 or the attempt's own serial."""
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
-        return (
-            self._replace(convention=ReservedConvention.UNKNOWN)
-            if self.convention is ReservedConvention.OWN
-            else self
-        )
+        if self.convention is ReservedConvention.OWN:
+            return self._replace(convention=ReservedConvention.UNKNOWN)
+        return self
 
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool

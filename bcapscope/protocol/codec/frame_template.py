@@ -89,12 +89,12 @@ class FrameTemplate:
                 begin += taken
         if len(self._fill_plan) == 1:
             place, _, _, fill = self._fill_plan[0]
-            self._single_fill = (
+            before, variant, after = (
                 self._variants[:place],
-                fill,
                 self._variants[place],
                 self._variants[place + 1 :],
             )
+            self._single_fill = (before, fill, variant, after)
 
     @classmethod
     def learn(cls, content: FrameContent) -> FrameTemplate | None:
@@ -194,18 +194,14 @@ def number_count(variant: Variant) -> int:
     value = variant.value
     if base == VT.VARIANT and isinstance(value, tuple):
         return sum(number_count(item) for item in value if isinstance(item, Variant))
-    if base not in NUMBER_FORMATS or base == VT.BOOL:
+    if base not in NUMBER_FORMATS or base == VT.BOOL or value is None:
         return 0
-    if value is None:
-        return 0
-    if isinstance(value, bytes):
-        return 1 if value else 0
-    return len(value) if isinstance(value, tuple) else 1
+    return len(value) if isinstance(value, tuple) else int(value != b"")
 
 
 def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
-    taken = zip(arguments, number_counts(arguments), strict=True)
-    return tuple(number for argument, count in taken if count for number in iter_numbers(argument.variant))
+    varying = arguments[1:] if len(arguments) > 1 else arguments
+    return tuple(number for argument in varying for number in iter_numbers(argument.variant))
 
 
 def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
@@ -243,11 +239,11 @@ def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_nested(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:
     value = variant.value
+    if variant.vt == ARRAY | VT.VARIANT and isinstance(value, tuple):
+        nested = tuple(_fill_nested(item, numbers) for item in value if isinstance(item, Variant))
+        return variant._replace(value=nested)
     if number_count(variant) == 0:
         return variant
     if not isinstance(value, tuple):
         return variant._replace(value=next(numbers))
-    if variant.vt == ARRAY | VT.VARIANT:
-        nested = tuple(_fill_nested(item, numbers) for item in value if isinstance(item, Variant))
-        return variant._replace(value=nested)
     return variant._replace(value=tuple(next(numbers) for _ in value))

@@ -103,11 +103,8 @@ def _parse_array(vt: VT, text: str) -> Variant:
         raise InputError(Message("value.no-arrays", type=vt_name(vt)))
     if vt is VT.VARIANT:
         return Variant.array(vt, tuple(parse_variant(piece) for piece in text.split(";")) if text else ())
-    values = (
-        tuple(_parse_element(vt, piece if vt is VT.BSTR else piece.strip()) for piece in text.split(","))
-        if text
-        else ()
-    )
+    pieces = text.split(",") if text else []
+    values = tuple(_parse_element(vt, piece if vt is VT.BSTR else piece.strip()) for piece in pieces)
     if vt is VT.UI1:
         return Variant.array(vt, bytes(value for value in values if isinstance(value, int)))
     return Variant.array(vt, values)

@@ -39,9 +39,8 @@ UNREAD = "unread"
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
-_READING_ENDED = frozenset(
-    {"data", "type", "nesting", "elements"}
-)  # after a problem with one of these codes, the rest of the argument is unreadable
+# after a problem with one of these codes, the rest of the argument is unreadable
+_READING_ENDED = frozenset({"data", "type", "nesting", "elements"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,11 +201,10 @@ class _FieldBuilder:
         end = size - 1 if size > HEADER_SIZE and has_eot else size
         if start < end:
             name = {Framing.SERIAL_LINE: "CRC", Framing.VERSION_1: "mode byte"}.get(self._frame.framing)
-            yield (
-                self.number_field(name, start, end)
-                if name
-                else self.field("left over", start, end, body[start:end])
-            )
+            if name is None:
+                yield self.field("left over", start, end, body[start:end])
+            else:
+                yield self.number_field(name, start, end)
         beyond = self.problems_between(2 * size, sys.maxsize)
         yield self.field("EOT", end, size, problems=(*self._eot_problems, *beyond))
 
@@ -255,16 +253,9 @@ class _FieldBuilder:
 
     def _nested_field(self, name: str, start: int, variant: Variant, label: ValueLabel) -> FrameField:
         parts = list(self._variant_fields(variant, start, label))
-        return self.field(
-            name,
-            start,
-            parts[-1].stop,
-            variant.value,
-            variant.vt,
-            text=label.text,
-            unit=label.unit,
-            children=parts,
-        )
+        found = self.problems_within(start, parts[-1].stop)
+        vt, value, _ = variant
+        return FrameField(name, start, parts[-1].stop, value, vt, label.text, label.unit, found, parts)
 
     def _string_field(self, name: str, start: int, value: str) -> FrameField:
         middle = start + 4

@@ -25,7 +25,7 @@ from bcapscope.protocol.codec.frame import (
 )
 from bcapscope.protocol.codec.frame_content import EOT
 from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
@@ -33,7 +33,6 @@ _REMEMBERED_ATTEMPTS = 32
 """Number of remembered attempts of earlier calls, to distinguish late replies from stray replies."""
 
 _LAST_SERIAL = 0xFFFF
-_UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
 
 
 class RetryPolicy(NamedTuple):
@@ -136,7 +135,7 @@ class Requester:
         if convention is ReservedConvention.UNKNOWN or not 1 <= first_serial <= _LAST_SERIAL:
             raise ValueError(f"convention {convention}, first serial {first_serial}")
         self.convention = convention
-        self.datagrams = convention in _UDP_CONVENTIONS
+        self.datagrams = convention in client_conventions(datagrams=True)
         self._serial = first_serial
         self._request_bytes = b""
         self._policy = RetryPolicy(0, 0)

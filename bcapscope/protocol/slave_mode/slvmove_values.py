@@ -25,14 +25,22 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
+_FEEDBACK_PARTS: _Arrangement = (
+    ("timestamp", _WORD),
+    ("poses", _ROW),
+    ("mini_io", _WORD),
+    ("user_io", _DATA),
+    ("hand_io", _WORD),
+    ("current", _ROW),
+)
+
 # Pose types in a result with two poses (receive formats 4 and 5). The key is how many numbers the result has.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
-_POSE_ONLY = (
-    POSE_ONLY_FORMAT,
-)  # a tuple, because `in` first compares identities, which is faster than == of dataclasses
+# a tuple, because `in` first compares identities, which is faster than == of dataclasses
+_POSE_ONLY = (POSE_ONLY_FORMAT,)
 
 _MAX_PARTS = 8  # maximum number of elements to examine; every slvMove format has fewer elements
 
@@ -229,26 +237,13 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
     """Return the possible arrangements of a result's elements, the most likely first."""
     if receive is not None:
-        return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
+        return _matching_arrangements([_feedback_parts(receive)], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
-    return _matching_arrangements(
-        (tuple(_feedback_parts(ReceiveFormat.parse(sum(each)))) for each in bits), kinds
-    )
+    return _matching_arrangements((_feedback_parts(ReceiveFormat.parse(sum(each))) for each in bits), kinds)
 
 
-def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
-    if form.timestamp:
-        yield "timestamp", _WORD
-    if form.poses:
-        yield "poses", _ROW
-    if form.mini_io:
-        yield "mini_io", _WORD
-    if form.user_io:
-        yield "user_io", _DATA
-    if form.hand_io:
-        yield "hand_io", _WORD
-    if form.current:
-        yield "current", _ROW
+def _feedback_parts(form: ReceiveFormat) -> _Arrangement:
+    return tuple((name, kind) for name, kind in _FEEDBACK_PARTS if getattr(form, name))
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
@@ -309,10 +304,8 @@ def _poses_of_part(
         size = len(AXES[types[0]])
         first, problems = build_pose(row[:size], types[0])
         second, more = build_pose(row[size:], types[1])
-        return (
-            first._replace(guessed=receive is None),
-            second._replace(guessed=receive is None),
-        ), problems + more
+        poses = tuple(each._replace(guessed=receive is None) for each in (first, second))
+        return poses, problems + more
     # If the receive format is unknown, an array of the right length counts as one pose of `pose_type`, the
     # type of the slave mode. No public document describes the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])

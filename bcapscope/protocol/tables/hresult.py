@@ -12,7 +12,7 @@ and 8000600B as RC7's 600B, and marks the meaning as a guess.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -118,8 +118,8 @@ def ends_slave_mode(code: int) -> bool:
 def is_rc7_code(code: int) -> bool:
     """Return whether a result code counts as a four-digit code of RC7: 0000xxxx or 8000xxxx."""
     code &= 0xFFFFFFFF
-    in_range = any(first <= code <= last for first, last, _ in _RANGES)
-    return _has_rc7_form(code) and code not in _KNOWN and not in_range
+    in_range = any(first <= code <= last for first, last, _ in RESULT_RANGES)
+    return _has_rc7_form(code) and code not in LISTED_RESULTS and not in_range
 
 
 def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
@@ -158,12 +158,12 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
     low 16 bits of an unknown code may be a four-digit code.
     """
     code &= 0xFFFFFFFF
-    known = _KNOWN.get(code)
+    known = LISTED_RESULTS.get(code)
     if known is not None:
         return known
-    if rc7 and code & 0xFFFF in _RC7:
+    if rc7 and code & 0xFFFF in RC7_RESULTS:
         return _info_as_rc7(code)
-    for first, last, row in _RANGES:
+    for first, last, row in RESULT_RANGES:
         if first <= code <= last:
             return _info_from_range(code, first, row)
     if _has_rc7_form(code):
@@ -171,24 +171,6 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
     if code & 0x80000000 and _has_level_digits(code):
         return _info_from_digits(code)
     return HresultInfo(code, None, Message("hresult.failure" if is_failure(code) else "hresult.success"))
-
-
-def listed_results() -> Iterable[HresultInfo]:
-    """Return the result codes that the table lists individually, not in a range."""
-    return _KNOWN.values()
-
-
-def result_ranges() -> list[tuple[int, int, str]]:
-    """Return the first code, the last code and the English meaning of each listed range of result codes.
-
-    In the text of a meaning, ``{number}`` stands for the low 16 bits of a code.
-    """
-    return [(first, last, row["text"]) for first, last, row in _RANGES]
-
-
-def rc7_results() -> Mapping[int, HresultInfo]:
-    """Return the meanings of RC7's four-digit codes."""
-    return _RC7
 
 
 def _has_level_digits(code: int) -> bool:
@@ -243,7 +225,7 @@ def _has_rc7_form(code: int) -> bool:
 
 def _info_as_rc7(code: int) -> HresultInfo:
     low = code & 0xFFFF
-    found = _RC7.get(low)
+    found = RC7_RESULTS.get(low)
     if found is not None:
         return replace(found, code=code, is_guess=True)
     digits = f"{low:04X}"
@@ -288,21 +270,25 @@ def _build_rc7_table() -> dict[int, HresultInfo]:
             code = int(row["code"], 16)
             axis = code & 0xF if code & 0xFFF0 == 0x6410 else None
             table[code] = replace(_info_from_row(code, row), axis=axis, rc7=row["code"])
-    for result in _KNOWN.values():
+    for result in LISTED_RESULTS.values():
         if result.rc7 is not None:
             table.setdefault(int(result.rc7, 16), result)
     return table
 
 
 _ROWS = list(table_rows("hresults"))
-_RANGES = [
+RESULT_RANGES = [
     (int(first, 16), int(last, 16), row)
     for row in _ROWS
     for first, _, last in [row["code"].partition("-")]
     if last
 ]
-_KNOWN = _build_table()
-_RC7 = _build_rc7_table()
+"""First code, last code and table row of each listed range. In its text, ``{number}`` stands for the low 16
+bits of a code.
+"""
+LISTED_RESULTS = _build_table()
+RC7_RESULTS = _build_rc7_table()
+"""Meanings of RC7's four-digit codes."""
 
 CODE_BY_NAME = {row["name"]: int(row["code"], 16) for row in _ROWS if row["name"]}
 """The result code for each symbol, such as E_HANDLE."""

@@ -134,19 +134,13 @@ def _parse_endpoint(written: str) -> tuple[Address, int | None] | None:
         port = port[1:] if port else ""
     elif written.count(":") == 1:
         host, _, port = written.partition(":")
+    port_number = parse_integer(port, 0, 0xFFFF)
+    if port and port_number is None:
+        return None
     try:
-        return ipaddress.ip_address(host), _parse_port(port)
+        return ipaddress.ip_address(host), port_number
     except ValueError:
         return None
-
-
-def _parse_port(written: str) -> int | None:
-    if not written:
-        return None
-    port = parse_integer(written, 0, 0xFFFF)
-    if port is None:
-        raise ValueError(written)
-    return port
 
 
 def equality(wanted: Sequence[Match], negated: bool) -> Match:

@@ -56,9 +56,6 @@ class ComparedField(NamedTuple):
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
-    def fail(self, reason: Message) -> NoReturn:
-        self.fail_at(self.start, reason)
-
     def fail_at(self, place: Token | int, reason: Message) -> NoReturn:
         raise FilterError(self.expression, place if isinstance(place, int) else place.start, reason)
 
@@ -74,13 +71,13 @@ def order(compared: ComparedField, sign: str, literal: Token) -> Match:
         return matches.code_order(sign, _code(compared, literal), signed)
     if compared.type in NUMERIC or compared.type is FieldType.VALUE:
         return matches.order(sign, _number(compared, literal))
-    compared.fail(compared.mismatch("no-order"))
+    compared.fail_at(compared.start, compared.mismatch("no-order"))
 
 
 def contains(compared: ComparedField, literal: Token) -> Match:
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
-        compared.fail(compared.mismatch("contains-nothing"))
+        compared.fail_at(compared.start, compared.mismatch("contains-nothing"))
     if compared.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and compared.type in (FieldType.VALUE, FieldType.VALUES)
     ):
@@ -95,7 +92,7 @@ def contains(compared: ComparedField, literal: Token) -> Match:
 
 def search(compared: ComparedField, literal: Token) -> Match:
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
-        compared.fail(compared.mismatch("search-needs-text"))
+        compared.fail_at(compared.start, compared.mismatch("search-needs-text"))
     check_literal(compared, literal)
     if literal.kind not in (TokenKind.TEXT, TokenKind.WORD):
         compared.fail_at(literal, Message("filter.search-quotes"))

@@ -117,11 +117,7 @@ def tokenize(expression: str) -> list[Token]:
         FilterError: The expression is too long, or contains an unexpected character.
     """
     if len(expression) > LONGEST_EXPRESSION:
-        raise FilterError(
-            expression,
-            LONGEST_EXPRESSION,
-            Message("input.too-long", limit=LONGEST_EXPRESSION),
-        )
+        raise FilterError(expression, LONGEST_EXPRESSION, Message("input.too-long", limit=LONGEST_EXPRESSION))
     tokens = []
     position = 0
     while position < len(expression):

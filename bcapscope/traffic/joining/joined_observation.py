@@ -101,15 +101,10 @@ def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
     """
     assert joined.at_client is None
     assert joined.at_controller is not None
-    return join_sightings(
-        None,
-        joined.at_controller._replace(number=number),
-        joined.flow,
-        is_missed=joined.is_missed,
-        is_relayed=joined.is_relayed,
-        note=joined.note,
-        delay_error=joined.delay_error,
-    )
+    copy = joined._replace(number=number)
+    vars(copy).update(vars(joined))
+    copy.at_controller = joined.at_controller._replace(number=number)
+    return copy
 
 
 def sighting_numbers(observation: object) -> tuple[int, ...]:

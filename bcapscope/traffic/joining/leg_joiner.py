@@ -117,9 +117,10 @@ class LegJoiner:
 
     def _merge(self, observation: Observation) -> bool:
         """Add an observation to the merger of its conversation; return False if there is no merger."""
-        merger, place = self._mergers.get(observation.flow.conversation, _NO_MERGER)
-        if merger is None:
+        found = self._mergers.get(observation.flow.conversation)
+        if found is None:
             return False
+        merger, place = found
         merger.add(observation, place)
         self._busy[merger] = None
         return True
@@ -162,6 +163,3 @@ class LegJoiner:
 
     def _distinct_mergers(self) -> list[PlaceMerger]:
         return list(dict.fromkeys(merger for merger, _ in self._mergers.values()))
-
-
-_NO_MERGER = None, CapturePlace.CLIENT_SIDE
