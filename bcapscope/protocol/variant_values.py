@@ -38,11 +38,7 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert values to the arguments of a request. The first value is the handle.
-
-    Raises:
-        LocalProtocolError: The number of values is wrong, or a value does not fit its argument.
-    """
+    """Convert values to a request's arguments; LocalProtocolError if their number or a value is wrong."""
     if len(values) != len(function.params):
         wanted = Count(len(function.params), "argument")
         raise LocalProtocolError(

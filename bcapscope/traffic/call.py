@@ -395,8 +395,7 @@ class StrayReply:
     """A reply or notice that belongs to no open call of its conversation.
 
     Attributes:
-        call_number: Number of a complete call with an attempt that has the reply's serial; None if bcapscope
-            remembers no such call.
+        call_number: Number of a complete call with an attempt that has the reply's serial.
         request_missed: Whether the serials show that the client sent a request that the capture lacks. The
             client's next request makes `request_missed` False if the client did not skip the reply's serial.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that

@@ -30,9 +30,7 @@ _MAX_KINDS = 64
 
 
 def attempt_distances(call: Call) -> list[int]:
-    """Return the times in ns between successive attempts of a call. Uncaptured attempts count as evenly
-    spaced.
-    """
+    """Return the times in ns between successive attempts; uncaptured ones count as evenly spaced."""
     attempts = call.attempts
     if len(attempts) == 1:
         return []
@@ -46,18 +44,14 @@ def attempt_distances(call: Call) -> list[int]:
 
 
 def waits_since(call: Call) -> int:
-    """Return the time, in ns since 1970, from which the client has waited for the reply to a call's last
-    attempt. S_EXECUTING for this attempt restarts the wait.
-    """
+    """Return when the client sent the last attempt, or got the latest S_EXECUTING for it, ns since 1970."""
     serial, sent_at = call.last_attempt.item.serial, call.last_attempt.time
     return max((sent_at, *(notice.time for notice in call.notices if notice.item.serial == serial)))
 
 
 def gives_up_at(call: Call) -> int:
-    """Return the time, in ns since 1970, when the client evidently gave up an unanswered call; 0 if unknown.
-
-    The time is known only for a retried call without S_EXECUTING, because S_EXECUTING prolongs the client's
-    timeout (DENSO Wave 2009).
+    """Return when the client evidently gave up an unanswered call, ns since 1970; 0 if unknown. That is known
+    only for a retried call without S_EXECUTING, which prolongs the timeout (DENSO Wave 2009).
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP)
     return call.last_attempt.time + silence if silence else 0

@@ -9,12 +9,8 @@ _REPLIES = (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST)
 
 
 class FrameIndex:
-    """Finds the attempts and replies of one open call by their bytes and serials.
-
-    Attributes:
-        sent_at: Time at which the bytes of an attempt were last captured.
-        received_at: Time at which the bytes of a reply were last captured. Notices, and replies that did not
-            reach the client's side, are left out.
+    """The latest capture times of the attempts and replies of one open call, by their bytes. Notices, and
+    replies that did not reach the client's side, are left out.
     """
 
     def __init__(self, call: Call) -> None:

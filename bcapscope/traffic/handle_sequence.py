@@ -1,6 +1,7 @@
-"""Examine the handles that a controller gave in a session. A skipped handle shows that the controller
-executed a retried call more than once. An accepted handle that no captured reply contains shows that the
-capture lacks a reply.
+"""Find executions and replies that the capture lacks, from the handles that a controller gave in a session.
+
+A skipped handle shows that the controller executed a retried call more than once. An accepted handle that no
+captured reply contains shows that the capture lacks a reply.
 """
 
 from __future__ import annotations

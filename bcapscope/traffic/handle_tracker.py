@@ -66,8 +66,7 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: Objects that the client did not release: first the objects whose handles the client never
-            received, then the other objects in creation order.
+        unreleased: First the objects whose handles the client never received, then others in creation order.
     """
 
     conversation: Conversation
@@ -91,9 +90,7 @@ class HandleTracker:
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Process the next call, in starting order; return the object of its handle, or None if it is
-        unknown.
-        """
+        """Process the next call, in starting order; return the object of its handle if known."""
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
             return None

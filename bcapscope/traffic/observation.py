@@ -22,9 +22,7 @@ class Transport(StrEnum):
 
 
 class Direction(StrEnum):
-    """Direction of a frame. bcapscope infers the direction from the controller's address, because no field of
-    a frame shows the direction.
-    """
+    """Direction of a frame, inferred from the controller's address, because no field shows it."""
 
     REQUEST = "request"
     RESPONSE = "response"
@@ -51,9 +49,7 @@ class ServerEvidenceKind(StrEnum):
 
 
 class ServerEvidence(NamedTuple):
-    """Evidence that shows which end of a conversation is the controller. `code` is the result code for
-    `RESULT`, the function id for `CALL`, otherwise 0.
-    """
+    """Evidence of which end is the controller. `code` is a result code, a function id, or 0."""
 
     kind: ServerEvidenceKind
     code: int = 0

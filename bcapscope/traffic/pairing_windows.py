@@ -1,6 +1,4 @@
-"""Time windows and memory limits of `ConversationPairing`. A window is the time in which a call can get
-further frames.
-"""
+"""Time windows, in which a call can get further frames, and memory limits of `ConversationPairing`."""
 
 from __future__ import annotations
 
@@ -17,19 +15,14 @@ restarted client that reuses its port can send equal frames again, but begins wi
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a captured reply to a retry of its request. Known clients wait at most 3 s (DENSO's
-ROS 2 driver; 1 s in DENSO Wave 2009).
+"""Maximum time in ns from a captured reply to a retry (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009).
 """
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
-a newer call.
-"""
+"""Maximum time in ns to wait for a reply after the client began a newer call, if one was answered."""
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""The same if the controller has answered no newer call: it may still be executing the abandoned call,
-because controllers answer calls in order.
-"""
+"""The same if none was answered: the controller may still be executing the abandoned call."""
 
 EXECUTION_NS = 180_000_000_000
 """Maximum time in ns between two frames of an unanswered call, if the controller has answered no newer call:
@@ -54,10 +47,8 @@ LARGE_CALL = 64 * 1024
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
     """Return the time, in ns since 1970, after which an open call without a reply can get no further frame.
 
-    Args:
-        latest_answered: Highest `Call.number` of the answered calls in the conversation.
-        answered_early: Number and reply time of each call answered before an older call, earliest reply
-            first.
+    `latest_answered` is the highest number of an answered call. `answered_early` lists the numbers and reply
+    times of the calls answered before an older call, earliest reply first.
     """
     quiet = call.last_activity
     if call.abandoned_at:

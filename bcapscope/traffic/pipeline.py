@@ -32,8 +32,7 @@ class PipelineSubscriber:
     """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs, and
     the pipeline computes only these. A frame comes before the calls that it completed.
 
-    Attributes:
-        needs_targets: If False, the `target` of `on_call` may be None although the handle is known.
+    Without `needs_targets`, the `target` of `on_call` may be None although the handle is known.
     """
 
     needs_targets: ClassVar[bool] = False
@@ -45,9 +44,7 @@ class PipelineSubscriber:
         """Process a completed call. `target` is the object with the call's handle; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Process successive alike set points of one client (see `AlikeSetPoints`). A subscriber without this
-        method gets them one by one through `on_call`.
-        """
+        """Process successive alike set points of one client, which otherwise come through `on_call`."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Process a reply that belongs to no call."""
@@ -72,9 +69,7 @@ class CallCollector(PipelineSubscriber):
 
 
 class Pipeline:
-    """Turns observations into events for its subscribers, in bounded memory. Add observations in capture
-    order.
-    """
+    """Turns observations, added in capture order, into events for its subscribers, in bounded memory."""
 
     def __init__(
         self,
@@ -91,7 +86,6 @@ class Pipeline:
                 follows handles only for subscribers with `needs_targets`.
             slave_mode: The same for slave mode, and for subscribers that override `on_slave_mode`.
             joiner: Joins conversations that were captured at several places.
-            taken_at: Where the capture was taken; None if unknown.
         """
         self._tracker = Tracker(taken_at)
         self._runs: dict[Conversation, AlikeSetPoints] = {}
@@ -134,9 +128,7 @@ class Pipeline:
             self._slave_mode.close_conversation(conversation)
 
     def finish(self, ended_at: int = 0) -> None:
-        """Complete all open calls. `ended_at` is the time when the traffic ended, ns since 1970; 0 if it
-        ended with the last observation.
-        """
+        """Complete all open calls at the time `ended_at`, ns since 1970; 0 for the last observation."""
         if self._joiner is not None:
             self.add_joined(self._joiner.close())
         if ended_at:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Generic, TypeVar
 
 MAX_SERIALS = 1024
-"""`RecentSerials` remembers at least this many of the latest serials, and at most twice as many. A thousand
-requests match a reply that is a second late, even to a set point every millisecond.
-"""
+"""Minimum number of remembered serials: at a set point every millisecond, those of one second."""
 
 Value = TypeVar("Value")
 

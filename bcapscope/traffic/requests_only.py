@@ -15,10 +15,8 @@ LONGEST_STEP_NS = 500_000_000
 
 
 class RequestsOnlyEvidence:
-    """Finds out from a client's requests whether it received replies, although no reply was captured.
-
-    It received the handle that it uses. `FEWEST_CALLS` calls in quick succession without a retry also prove
-    replies.
+    """Finds out from a client's requests whether it received replies, although no reply was captured: it uses
+    a handle, or makes `FEWEST_CALLS` calls in quick succession without a retry.
     """
 
     def __init__(self) -> None:

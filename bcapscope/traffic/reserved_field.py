@@ -33,12 +33,8 @@ class ReservedFieldUsage(NamedTuple):
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool
     ) -> ReservedFieldUsage:
-        """Evaluate a retry.
-
-        Args:
-            origin: Serial of the call's first attempt, captured or not.
-            previous: Serial of the call's previous attempt.
-            starts_with_zero: Whether the first attempt of the client's latest call has 0 in reserved.
+        """Evaluate a retry, from the serials of the call's first attempt, captured or not, and of its
+        previous attempt, and from whether the client's latest first attempt has 0 in reserved.
         """
         if origin == previous or reserved not in (origin, previous):
             return self

@@ -14,7 +14,6 @@ class SerialTable:
     """The serials of open calls, and of recently completed calls.
 
     Attributes:
-        open_calls: Maps the serial of each attempt to its open call.
         reused: For each reused serial of a TCP client, the earlier calls that still wait for a reply, oldest
             first; a complete call only as its `Call.number`.
     """
@@ -64,9 +63,7 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call in the queue of a reused serial, or its `Call.number` if it is complete.
-        Remove it from the queue if `is_answered`.
-        """
+        """Return the oldest call, or the number of a complete one, and remove it if `is_answered`."""
         queue = self.reused[serial]
         oldest = queue[0]
         if is_answered:

@@ -91,12 +91,7 @@ class SlaveModeChange:
 
 
 class OpenSlaveMode(NamedTuple):
-    """Slave mode of one client, as far as its calls show.
-
-    Attributes:
-        mode: Number of the slave mode, 0 for off; None if unknown.
-        robots: Handles of the robots that the client has switched to slave mode and not back.
-    """
+    """A client's slave mode: 0 for off, None if unknown. `robots` are the handles in slave mode."""
 
     mode: int | None = None
     robots: tuple[int, ...] = ()

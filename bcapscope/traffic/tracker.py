@@ -16,8 +16,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
 """Maximum number of open calls in all conversations, about 10 MB of memory. Beyond the limit, the
-conversation with the most open calls loses the older half of them. Four clients that send a set point every 2
-ms and get no replies reach the limit.
+conversation with the most open calls loses the older half of them.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -25,7 +24,7 @@ MAX_BYTES = 32 * 1024 * 1024
 the largest calls loses the older half of them. The largest possible call stays within the limit.
 """
 
-SWEEP_NS = 50_000_000
+SWEEP_NS = 50_000_000  # time between two searches for settled calls
 
 _REQUEST = Direction.REQUEST
 
@@ -86,16 +85,13 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def observe_joined(self, observation: JoinedObservation) -> Sequence[PairingResult]:
-        """Add the next observation of a conversation that was captured at two places (see `observe`).
-
-        A reply captured only at the controller's side is a lost reply. Requests that a proxy made on its own,
-        and the replies to them, belong to no call of the client.
+        """Add the next observation of a conversation that was captured at two places. A reply only at the
+        controller's side is lost. Requests that a proxy made, and the replies to them, belong to no call.
         """
         item = observation.item
         is_own = observation.was_made_between and observation.is_request
-        if not isinstance(item, Frame) or not (is_own or observation.was_lost_between):
-            return self.observe(observation)
-        if not is_own and observation.is_request:
+        is_lost_reply = observation.was_lost_between and not observation.is_request
+        if not isinstance(item, Frame) or not (is_own or is_lost_reply):
             return self.observe(observation)
         if observation.flow.conversation is not self._current_conversation:
             self._select_pairing(observation.flow.conversation)

@@ -23,9 +23,7 @@ SMALLEST_ARGUMENT = 10
 """Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""The decoder reads at most this many elements from the number arrays of one frame, not counting UI1 arrays.
-Frames of real sessions hold fewer than a thousand elements.
-"""
+"""Maximum number of elements to read from the number arrays, except UI1 arrays, of one frame."""
 
 MAX_VALUES = 2_048
 """Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. The

@@ -71,13 +71,7 @@ _LONGEST_PACKED_ROW = 64
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are not a frame, or a hole where bytes of a stream are missing.
-
-    Attributes:
-        raw: The bytes that belong to no frame; empty for a hole.
-        problems: Reasons why the bytes are not a frame.
-        missing: Number of bytes that are missing at a hole; 0 for bytes that are not a frame.
-    """
+    """Bytes that are not a frame, or a hole where `missing` bytes of a stream are missing."""
 
     raw: bytes
     problems: tuple[Problem, ...]
@@ -220,11 +214,8 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 def parse_captured_datagram(
     raw: bytes, templates: FrameTemplates | None = None
 ) -> tuple[Frame | Malformed, ...]:
-    """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to this
-    frame.
-
-    If the length field does not match the size of the datagram, DENSO's C server stops its UDP service
-    (orin_bcap C/src/bCAPServer/bcap_server.c).
+    """Split a captured datagram into its frames. Bytes after the first frame are a problem of this frame:
+    DENSO's C server then stops its UDP service (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:

@@ -21,9 +21,7 @@ LARGEST_FRAME = 16 * 1024 * 1024
 """Largest frame in bytes: the limit of the older C client for TCP (b-Cap.h). Newer libraries have none."""
 
 LARGEST_UNPACKED = 256 * 1024
-"""Maximum size, in bytes, of an unpacked body. Frames of real sessions are below 10 KiB. A malicious zlib
-stream of 16 KiB could unpack to 16 MiB.
-"""
+"""Maximum size in bytes of an unpacked body. A malicious zlib stream of 16 KiB could unpack to 16 MiB."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -51,9 +49,7 @@ class FrameContent:
 
     Attributes:
         body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
-            bytes; the first nine bytes and EOT stay the same.
-        arguments: Arguments that the decoder could read; their positions are offsets in `body`.
-        problems: Violations of b-CAP, in the order of their offsets in `body`.
+            bytes; the first nine bytes and EOT stay the same. Arguments and problems hold offsets in `body`.
     """
 
     def __init__(self, raw: bytes) -> None:

@@ -1,5 +1,4 @@
-"""Templates: the parts that similar frames share. With a template, only the first of a million set points is
-decoded in full.
+"""Templates: the parts that similar frames share. Only the first of a million set points is decoded in full.
 
 Two set points of a slave-mode session differ only in the serial, the reserved field and the numbers inside
 their arguments. Frames with different handles have different templates, but sessions use few handles.
@@ -67,8 +66,7 @@ class FrameTemplate:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
-        fixed_parts: Function that returns, from the bytes of a frame, the parts that all matching frames
-            share.
+        fixed_parts: Returns, from the bytes of a frame, the parts that all matching frames share.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
@@ -105,9 +103,7 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame that matches this template. `numbers` are the numbers in them, in
-        order.
-        """
+        """Return the arguments of a matching frame that holds these numbers, in order."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
@@ -126,9 +122,7 @@ class FrameTemplate:
 
 
 class FrameTemplates:
-    """Decodes frames, and learns templates from them in bounded memory. All frames of one capture or
-    connection should share one `FrameTemplates` object.
-    """
+    """Decodes frames, and learns templates from them in bounded memory, for one capture or connection."""
 
     def __init__(self) -> None:
         self._shapes: dict[int, tuple[_FrameShape, ...]] = {}
@@ -146,9 +140,7 @@ class FrameTemplates:
         return self._decode_in_full(raw)
 
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
-        """Decode a frame that matches no template, and learn a template from the frame if possible. `_recent`
-        caches a request and its reply, because programs decode the same `raw` object several times in a row.
-        """
+        """Programs decode the same `raw` object several times, so `_recent` keeps a request and its reply."""
         for content in self._recent:
             if content.raw is raw:
                 return content

@@ -65,8 +65,7 @@ class _Trust(Enum):
 
 
 class StreamSplitter:
-    """Splits a stream into frames and garbage. The result does not depend on how the stream is divided into
-    segments.
+    """Splits a stream into frames and garbage. How the stream is divided into segments does not matter.
 
     Every byte of the stream is in exactly one piece, in order. A splitter holds at most as many bytes as the
     largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED`. Splitters with a shared budget together
@@ -81,9 +80,8 @@ class StreamSplitter:
         budget: ByteBudget | None = None,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream; `synchronized` is False if the first bytes of the stream are missing.
-
-        `limit` is the size in bytes of the longest frame for which the splitter waits.
+        """Start a stream, without its first bytes if not `synchronized`. The splitter waits for frames of at
+        most `limit` bytes.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -113,9 +111,7 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """If `data` is exactly one frame, as most segments of a stream are, do the same as `feed`, but
-        faster. Otherwise, return None and consume nothing.
-        """
+        """Do the same as `feed`, but faster, if `data` is one frame. Otherwise, consume nothing."""
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
         self._stream_offset += len(data)
@@ -187,9 +183,8 @@ class StreamSplitter:
         return self._resynchronize(final)
 
     def _frame_ends_at(self, length: int, trust: _Trust, final: bool) -> bool | None:
-        """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed.
-
-        A last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
+        """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed. A
+        last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
         """
         buffer = self._buffer
         if len(buffer) < length:
@@ -250,8 +245,7 @@ class StreamSplitter:
 
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
         """Return the offset after the last argument; None if more bytes are needed, 0 if a length field is
-        impossible. Each call continues where the previous call stopped, because a long frame may arrive in
-        small segments.
+        impossible. Each call continues where the previous call stopped.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:

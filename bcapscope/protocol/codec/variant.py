@@ -115,11 +115,10 @@ def vt_name(vt: int) -> str:
 
 
 def integer_value(variant: Variant) -> int | None:
-    """Return the whole number in a value, such as slvChangeMode's parameter or slvGetMode's result; else
-    None.
+    """Return the whole number in a value, such as slvChangeMode's parameter or slvGetMode's result.
 
     Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples), whole floating-point
-    numbers, and decimal text of up to 9 digits, which the ANSI-C client sends.
+    numbers, and decimal text of up to 9 digits, which the ANSI-C client sends. None for other values.
     """
     value = variant.value
     if isinstance(value, bool):
@@ -145,11 +144,7 @@ def encode_variant(variant: Variant) -> bytes:
 
 
 def encode_argument(variant: Variant) -> bytes:
-    """Encode a VARIANT as an argument: its byte length (u32), then type, count and data.
-
-    Raises:
-        LocalProtocolError: For the same reasons as in `encode_variant`.
-    """
+    """Encode an argument: its byte length (u32), then what `encode_variant` returns and with its errors."""
     body = _encode(variant, 0)
     return len(body).to_bytes(4, "little") + body
 

@@ -1,6 +1,4 @@
-"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or a value without its type if the type is known or
-can be guessed.
-"""
+"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or a value of a known or guessed type."""
 
 from __future__ import annotations
 

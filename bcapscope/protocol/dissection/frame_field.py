@@ -54,8 +54,7 @@ class FrameField:
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
         unit: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
-        children: Fields that together cover this field without a gap. The elements of a number array are
-            created on access, so a large array costs nothing until its elements are displayed.
+        children: Fields that together cover this field without a gap.
     """
 
     name: str
@@ -275,25 +274,18 @@ def _doubled_place(problem: Problem, stops: Container[int]) -> int:
     return 2 * problem.offset - breaks_off
 
 
+@dataclass(eq=False)
 class _NumberFields(Sequence[FrameField]):
     """Fields of the elements of a number array; each field is created on access."""
 
-    def __init__(
-        self,
-        builder: _FieldBuilder,
-        base: int,
-        values: tuple[object, ...],
-        start: int,
-        labels: tuple[ValueLabel, ...],
-    ) -> None:
-        self._builder = builder
-        self._base = base
-        self._values = values
-        self._start = start
-        self._labels = labels
+    builder: _FieldBuilder
+    base: int
+    values: tuple[object, ...]
+    start: int
+    labels: tuple[ValueLabel, ...]
 
     def __len__(self) -> int:
-        return len(self._values)
+        return len(self.values)
 
     @overload
     def __getitem__(self, index: int) -> FrameField: ...
@@ -301,14 +293,14 @@ class _NumberFields(Sequence[FrameField]):
     def __getitem__(self, index: slice) -> Sequence[FrameField]: ...
     def __getitem__(self, index: int | slice) -> FrameField | Sequence[FrameField]:
         if isinstance(index, slice):
-            return tuple(self._field_at(each) for each in range(*index.indices(len(self._values))))
-        return self._field_at(range(len(self._values))[index])
+            return tuple(self._field_at(each) for each in range(*index.indices(len(self.values))))
+        return self._field_at(range(len(self.values))[index])
 
     def _field_at(self, index: int) -> FrameField:
-        part = self._labels[index] if index < len(self._labels) else NO_LABEL
-        width = NUMBER_WIDTHS[self._base]
-        start = self._start + index * width
+        part = self.labels[index] if index < len(self.labels) else NO_LABEL
+        width = NUMBER_WIDTHS[self.base]
+        start = self.start + index * width
         stop = start + width
-        value: Value = self._values[index]  # type: ignore[assignment]  # plain numbers
+        value: Value = self.values[index]  # type: ignore[assignment]  # plain numbers
         name = part.name or f"[{index}]"
-        return self._builder.field(name, start, stop, value, self._base, text=part.text, unit=part.unit)
+        return self.builder.field(name, start, stop, value, self.base, text=part.text, unit=part.unit)

@@ -27,12 +27,7 @@ from bcapscope.protocol.tables.table_text import table_message
 
 
 class ValueLabel(NamedTuple):
-    """Name, unit and meaning of a value in an argument or a result; each may be empty.
-
-    Attributes:
-        unit: `mm`, `deg`, or empty.
-        elements: Labels of the value's first elements, in order; () if unknown.
-    """
+    """Name, unit (`mm`, `deg`) and meaning, each perhaps empty, and the labels of the first elements."""
 
     name: str = ""
     unit: str = ""
@@ -44,10 +39,8 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Name the elements of slvMove's parameter or result.
-
-    The formats and the slave mode, which earlier calls chose, are not known here. The names are therefore
-    guessed from the number and types of the elements, and the label's `text` says so.
+    """Name the elements of slvMove's parameter or result. Earlier calls chose the formats and the slave mode,
+    so names may be guessed from the number and types of the elements; the label's `text` then says so.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_part_labels(found._asdict()))

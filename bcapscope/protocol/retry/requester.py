@@ -36,12 +36,7 @@ _LAST_SERIAL = 0xFFFF
 
 
 class RetryPolicy(NamedTuple):
-    """How long a client waits for the reply to an attempt, and how often it retries.
-
-    Attributes:
-        timeout: Timeout of each attempt, ns.
-        retries: Ignored over TCP, where clients do not retry.
-    """
+    """How long a client waits for the reply to an attempt (ns), and how often it retries over UDP."""
 
     timeout: int
     retries: int
@@ -87,12 +82,7 @@ class CallExecuting:
 
 @dataclass(frozen=True, slots=True)
 class LateReply:
-    """A reply that the client discards, because it answers an earlier attempt or a call that has ended.
-
-    Attributes:
-        time: Time of arrival, ns.
-        sent: Time at which the answered attempt was sent, ns.
-    """
+    """A reply, at `time`, to an earlier attempt or call, sent at `sent` (ns). The client discards it."""
 
     reply: Frame
     time: int
@@ -126,8 +116,7 @@ class Requester:
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
         """Start a conversation with the controller, over UDP or TCP as `convention` requires.
 
-        Do not start with serial 0, because the C server mistakes a new client's first request with serial 0
-        for a retry.
+        The C server mistakes a new client's first request with serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.

@@ -21,9 +21,7 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of replies that a responder stores for its client. One stored reply is enough if the network keeps
-packets in order; the others serve late retries. A UDP reply has at most 503 bytes.
-"""
+"""Number of stored replies (over UDP, at most 503 bytes each). All but one serve only late retries."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
@@ -97,9 +95,9 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return False if a call newer than `call` has its newest serial between `call.newest` and `serial`, both
-    included; otherwise True. `calls` lists the newest call first. An older call with a higher serial comes
-    from an earlier program on the same port.
+    """Return whether no call newer than `call` has its newest serial between `call.newest` and `serial`, both
+    included. `calls` lists the newest call first; an older call with a higher serial comes from an earlier
+    program.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -239,9 +237,7 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add the serials and the content of a call to `_known_keys`. If the set is full, first remove all
-        keys that belong to no known call.
-        """
+        """Add the keys of a call. If the set is full, first remove the keys that belong to no known call."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -302,8 +298,8 @@ class Responder:
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of an attempt under the convention `CHAIN`; None if unknown. The previous attempt
-        may be lost, or a later attempt may have arrived first.
+        """Return the call of an attempt under the convention `CHAIN`. The previous attempt may be lost, or a
+        later one may have arrived first.
         """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None

@@ -134,9 +134,7 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode the parameter of slvSendFormat or slvRecvFormat: a format number, or an array of a format number
-    and a time unit, which is 1 for µs. Return None if these are not whole numbers.
-    """
+    """Decode a format number, or an array of a format number and a time unit (1 for µs); else None."""
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

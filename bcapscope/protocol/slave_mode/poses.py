@@ -68,9 +68,7 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """One bit for each axis in use; bit 0 is J1. The ROS driver appends a number with these bits to each
-        pose. None if the pose has no appended number with these bits.
-        """
+        """One bit for each axis in use, in the number that the ROS driver appends; bit 0 is J1."""
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
@@ -81,9 +79,8 @@ def is_used_axes_mark(number: float) -> bool:
 
 
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
-    """Return the numbers of a number array, or of a VARIANT array that holds only numbers; else None.
-
-    Clients send such a VARIANT array for a list that mixes integers and floats.
+    """Return the numbers of a number array, or of a VARIANT array that holds only numbers; else None. Clients
+    send such a VARIANT array for a list that mixes integers and floats.
     """
     value = variant.value
     if not isinstance(value, tuple):

@@ -46,13 +46,7 @@ _MAX_PARTS = 8  # maximum number of elements to examine; every slvMove format ha
 
 
 class UserIO(NamedTuple):
-    """A range of I/O bits that slvMove reads or writes.
-
-    Attributes:
-        offset: Number of the first I/O bit; at least 128 and a multiple of 8.
-        size: Number of I/O bits in the range.
-        data: Bytes to write to the range; None for a range to read.
-    """
+    """I/O bits that slvMove reads (`data` is None) or writes: `size` bits from the bit number `offset` on."""
 
     offset: int
     size: int
@@ -110,8 +104,7 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. If the parameter has an unexpected form, return the elements that fit, and
-    the problems.
+    """Decode slvMove's parameter. If it has an unexpected form, return what fits, and the problems.
 
     `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
     None if its call was not captured.
@@ -139,9 +132,9 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If the result has an unexpected form, return the elements that fit, and the
-    problems. EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as
-    a pose of the slave mode's `pose_type`.
+    """Decode slvMove's result. If it has an unexpected form, return the elements that fit, and the problems.
+    EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as a pose of
+    the slave mode's `pose_type`.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -271,9 +264,7 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether `layout` is a plausible arrangement. User I/O must be valid. If there is hand I/O
-    without mini I/O, the upper 8 bits of the hand I/O must be 0.
-    """
+    """Return whether user I/O is valid, and the upper 8 bits of hand I/O without mini I/O are 0."""
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False

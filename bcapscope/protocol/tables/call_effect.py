@@ -31,9 +31,7 @@ class CallEffect(IntEnum):
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect of each function. To find the effect of one request, call `request_effect`, which also
-reads the arguments of the request.
-"""
+"""Strongest effect of each function; see `request_effect` for the effect of one request."""
 
 
 def function_effect(function_id: int) -> CallEffect:

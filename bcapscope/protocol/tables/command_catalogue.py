@@ -1,5 +1,4 @@
-"""The catalogue of commands (`commands.tsv`): names for the argument bstrCommand of calls such as
-Robot_Execute.
+"""The catalogue of commands (`commands.tsv`): names for the argument bstrCommand, such as of Robot_Execute.
 
 Controllers and this catalogue ignore the case of command names. The slides of DENSO Wave 2009, How to use the
 Slave mode, show both `SLVMOVE` and `slvMove`.

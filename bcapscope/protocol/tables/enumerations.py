@@ -1,7 +1,4 @@
-"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls.
-
-`enumerations.tsv` describes each table.
-"""
+"""Meanings of numbers, bits and strings in arguments and results (`enumerations.tsv`)."""
 
 from __future__ import annotations
 

@@ -48,12 +48,7 @@ class ResultKind(StrEnum):
 
 
 class Param(NamedTuple):
-    """Name and type of an argument of a request.
-
-    Attributes:
-        name: The vendor's name of the argument, such as `hRobot` or `bstrCommand`.
-        type: `VT_I4`, `VT_R4` or `VT_BSTR`; `VARIANT` if any type is allowed.
-    """
+    """The vendor's name of an argument, such as `hRobot`, and its type; `VARIANT` if any type is allowed."""
 
     name: str
     type: str
@@ -158,9 +153,7 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of the argument at `index`, from 0. A surplus argument is named such as
-    `arg4`, counted from 1.
-    """
+    """Return the argument at `index`, from 0. A surplus one is named `arg4` or so, counted from 1."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
         return function.params[index]

@@ -46,9 +46,7 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels of the controller. DENSO's error list does not name levels 2 and 3, so bcapscope derives their
-names from the texts of the errors.
-"""
+"""Error levels. Levels 2 and 3 have no name in DENSO's error list, but one after its texts."""
 
 _ENDS_SLAVE_MODE = 3
 
@@ -154,9 +152,7 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a result code, signed or unsigned. Only the low 32 bits count. With `rc7`, the
-    low 16 bits of an unknown code may be a four-digit code.
-    """
+    """Return the meaning of a code, signed or unsigned. If `rc7`, its low 16 bits may be RC7's code."""
     code &= 0xFFFFFFFF
     known = LISTED_RESULTS.get(code)
     if known is not None:
@@ -283,9 +279,7 @@ RESULT_RANGES = [
     for first, _, last in [row["code"].partition("-")]
     if last
 ]
-"""First code, last code and table row of each listed range. In its text, ``{number}`` stands for the low 16
-bits of a code.
-"""
+"""First code, last code and table row of each range. ``{number}`` in a text is a code's low 16 bits."""
 LISTED_RESULTS = _build_table()
 RC7_RESULTS = _build_rc7_table()
 """Meanings of RC7's four-digit codes."""

@@ -20,8 +20,7 @@ class VariableKind:
     """A variable, or a family of numbered variables such as `I0`, `I1` and so on.
 
     Attributes:
-        name: DENSO's name of the variable; for a family, without the number.
-        is_numbered: Whether clients append a number or `*` to the name.
+        name: DENSO's name of the variable; for a family, without the number or `*` that clients append.
         types: Possible types of the value, such as `VT_R4|VT_ARRAY`; () if no source says.
     """
 

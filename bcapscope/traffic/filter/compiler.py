@@ -97,10 +97,9 @@ Test: TypeAlias = Callable[[Any], bool]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A valid filter expression.
+    """A valid filter expression. `bind` needs getters with the `getter_names`.
 
     Attributes:
-        getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
         unknown_values: Values that are missing from bcapscope's tables; they may be typing mistakes.
     """
@@ -131,22 +130,22 @@ class Filter:
         return test if first_time is not None else lambda record: elapsed.note(record) and test(record)
 
 
+@dataclass
 class _ElapsedTime:
-    def __init__(self, time_of: Callable[[Any], object], first_time: Callable[[], int] | None) -> None:
-        self._time_of = time_of
-        self._first_time = first_time
-        self._noted: int | None = None
+    time_of: Callable[[Any], object]
+    first_time: Callable[[], int] | None
+    noted: int | None = None
 
     def note(self, record: object) -> bool:
         """Start `t` at the time of the first record. Return True for every record."""
-        time = self._time_of(record)
-        if self._noted is None and isinstance(time, int):
-            self._noted = time
+        time = self.time_of(record)
+        if self.noted is None and isinstance(time, int):
+            self.noted = time
         return True
 
     def of_record(self, record: object) -> int | None:
-        time = self._time_of(record)
-        first = self._noted if self._first_time is None else self._first_time()
+        time = self.time_of(record)
+        first = self.noted if self.first_time is None else self.first_time()
         return time - first if isinstance(time, int) and first is not None else None
 
 
@@ -285,9 +284,7 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Parse the rest of a comparison with another field of the same numeric type, such as `< reserved`.
-        Consume nothing and return None if no such comparison follows.
-        """
+        """Parse a comparison with a field of the same numeric type; None, and nothing consumed, otherwise."""
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
             return None

@@ -1,7 +1,4 @@
-"""The fields of the filter syntax (`fields.tsv`), for the compiler and for the help.
-
-The field names are the same as in the JSON of `decode` and `calls`.
-"""
+"""The fields of the filter syntax (`fields.tsv`), named as in the JSON of `decode` and `calls`."""
 
 from __future__ import annotations
 
@@ -65,8 +62,6 @@ class FilterField(NamedTuple):
     """One field of the filter syntax.
 
     Attributes:
-        applies_to: Kinds of record that have the field.
-        meaning: Description of the field in the help.
         unit: Unit assumed for a number that is written without a unit; "" if the field has no unit.
         values: All words that the field can have as its value; () if it can have any word.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.

@@ -36,9 +36,7 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Maximum length in characters of a text whose test result is cached, so that a hostile client cannot fill
-the memory.
-"""
+"""Maximum length of a text whose test result is cached, so that no client can fill the memory."""
 
 
 def plain_value(value: object) -> object:
@@ -103,9 +101,7 @@ def _is_code(value: object) -> TypeGuard[int]:
 
 
 def endpoint(address: Address, port: int | None) -> Match:
-    """Match an IP address and a port, or any port if `port` is None. A call through a proxy has one address
-    per leg in a tuple; one of these must match.
-    """
+    """Match an IP address, on either leg if a proxy forwarded the call, and a port; None for any port."""
 
     def match(value: object) -> bool | None:
         if type(value) is tuple:
@@ -144,9 +140,7 @@ def _parse_endpoint(written: str) -> tuple[Address, int | None] | None:
 
 
 def equality(wanted: Sequence[Match], negated: bool) -> Match:
-    """Match a value that equals one of the `wanted` literals or, if `negated`, none of them. A value whose
-    type fits no literal never matches.
-    """
+    """Match one of the `wanted` literals or, if `negated`, none. A value of another type never matches."""
     if not negated:
         return any_of(wanted)
     if len(wanted) == 1:
@@ -229,11 +223,10 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Return a function that searches a text, or each text of a list, for the RE2 expression `pattern`.
+    """Return a function that searches a text, or each text of a list, for an RE2 expression.
 
     Raises:
-        ValueError: RE2 rejects the expression. The exception has two arguments: RE2's reason and the invalid
-            part of the expression.
+        ValueError: Its two arguments are RE2's reason and the invalid part of the expression.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

@@ -1,7 +1,4 @@
-"""Compile the right side of a comparison: convert its tokens to a test that fits the field's type.
-
-Every function raises a `FilterError` if the field of the comparison cannot be compared with the token.
-"""
+"""Compile the right side of a comparison. Every function raises a `FilterError` if the field does not fit."""
 
 from __future__ import annotations
 
@@ -36,13 +33,8 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison.
-
-    Attributes:
-        expression: The whole filter expression, for error messages.
-        field: Field at the start of the left side, without indexes.
-        type: Type of the left side's values: of the field, or of the element that the indexes select.
-        start: Index of the left side's first character in `expression`.
+    """The left side of a comparison, from index `start` of the whole filter `expression`. `type` is the type
+    of the field, or of the element that the indexes select.
     """
 
     expression: str

@@ -66,13 +66,7 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """One token of a filter expression.
-
-    Attributes:
-        text: Text without quotes and without the unit of a number. Escapes are resolved.
-        stop: Index of the first character after the token.
-        unit: Unit of a number, such as ``ms``. A space may precede a unit of time.
-    """
+    """One token of a filter expression. Its `text` has no quotes and no unit; escapes are resolved."""
 
     kind: TokenKind
     text: str

@@ -77,9 +77,7 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for clocks whose drift changes: in each time segment, midway between the lowest
-        upper and the highest lower bound of the offset.
-        """
+        """Return an estimate for changing drift: the middle between the bounds in each time segment."""
         most, least = self._most.lowest, self._least.lowest
         middles, error = {}, 0
         for segment in sorted(most.keys() & least.keys()):
@@ -96,8 +94,8 @@ class _UpperBound:
     """An upper bound for the offset between two clocks. Call `add` in order of time.
 
     Attributes:
-        corners: Corners of the lower convex hull of the values, as pairs of time and value in order of time.
-        lowest: Maps the number of each time segment to its lowest value and the time of this value.
+        corners: Corners of the lower convex hull of the values: pairs of time and value.
+        lowest: For each time segment, its lowest value and the time of this value.
     """
 
     def __init__(self) -> None:
@@ -119,9 +117,7 @@ class _UpperBound:
 
 
 class _OffsetBounds:
-    """Upper and lower bounds for the offset between two clocks. The private methods use times relative to
-    `_began` and offsets relative to `_offset`.
-    """
+    """Bounds for the clock offset. Private methods use times since `_began` and offsets from `_offset`."""
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
         self._began = min(most[0][0], least[0][0])
@@ -178,8 +174,8 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound` at which the concave function `value` is not negative. The search
-    begins at `sound`, where `value` is not negative.
+    """Return the number nearest to `bound`, searched from `sound`, at which the concave `value` is not
+    negative.
     """
     if value(bound) >= 0:
         return bound

@@ -38,8 +38,7 @@ class SharedConversation(NamedTuple):
     Attributes:
         ends: The ends in the first and in the second capture, which differ if a proxy or a router is between.
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
-        request_offset: Offset measured on requests only; None if the captures have no request in common.
-        reply_offset: Offset measured on replies only; None if the captures have no reply in common.
+        request_offset: Offset measured on requests only; None if the captures have none in common.
         is_sure: Whether the evidence suffices even if the clocks say that the captures do not overlap.
     """
 

@@ -96,9 +96,7 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a copy of `joined` with another frame number. `joined` must have no sighting at the client's
-    side.
-    """
+    """Return a copy of `joined`, which was captured only at the controller's side, with another number."""
     assert joined.at_client is None
     assert joined.at_controller is not None
     copy = joined._replace(number=number)

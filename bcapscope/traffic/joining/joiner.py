@@ -21,9 +21,7 @@ HELD_NS = 1_000_000_000
 """Maximum time in ns for which a new conversation is held while the joiner looks for its other leg."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
-"""The same for a conversation without any reply. If the proxy dropped the first requests, the client retries
-within this time (`pairing_windows.RETRY_WITHIN_NS`).
-"""
+"""The same without any reply. A client whose requests were dropped retries within `RETRY_WITHIN_NS`."""
 
 MAX_WAITING = 32768
 """Beyond this number of waiting observations, all held conversations are decided immediately."""
@@ -254,9 +252,7 @@ class Joiner(LegJoiner):
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the two legs, the client's leg first; None if there is no second leg. `calls` is the number
-        of nested calls that suffices as evidence; 0 for the number that `fewest_calls` returns.
-        """
+        """Return the two legs, the client's first. `calls` nested calls suffice; 0 for `fewest_calls`."""
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         waiting = self._waiting_traffic(new.suspects)
         for suspect in new.suspects:

@@ -65,10 +65,7 @@ class LegJoiner:
     """Joins the legs that the caller names, and returns all observations in order of time.
 
     A frame on one leg waits at most `JOIN_WITHIN_NS` for the same frame on the other leg. All later
-    observations wait behind it.
-
-    Attributes:
-        delivered_until: Time up to which all observations were returned, ns since 1970.
+    observations wait behind it. Up to the time `delivered_until`, ns since 1970, all were returned.
     """
 
     def __init__(self, notes_of: Callable[[Observation], Iterable[str]] = _notes_of_relay) -> None:
@@ -132,9 +129,7 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to the time `until`, or before a frame that waits for its second
-        sighting.
-        """
+        """Return the observations up to a time, or before a frame that waits for its second sighting."""
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending

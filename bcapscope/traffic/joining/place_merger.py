@@ -12,9 +12,7 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObs
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns between the two sightings of a frame, longer than the delay faults of a proxy. After it,
-a frame counts as lost between the places.
-"""
+"""Maximum time in ns between two sightings, above a proxy's delay faults. Then the frame counts as lost."""
 
 MAX_PENDING = 65536
 """Beyond this number of frames that wait for their second sighting, the oldest stops waiting."""
@@ -36,10 +34,9 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class CapturedTwins:
-    """What is known about the two places of a conversation. Compared by identity.
+    """What is known about the captures at the client's and at the controller's side. Compared by identity.
 
     Attributes:
-        coverage: When the captures at the client's and at the controller's side began and ended.
         clock_error: Uncertainty of the difference between the clocks of both captures, ns.
         is_relayed: Whether a proxy is between the places.
     """
@@ -71,10 +68,6 @@ class PlaceMerger:
     """Merges the observations of one conversation from two places. Add them in order of time.
 
     The merger recognises a frame by its direction and bytes, or by its serial if a proxy changed the bytes.
-
-    Attributes:
-        conversation: Conversation of all joined observations; usually that captured at the client's side.
-        own_requests: Number of requests that the proxy sent on its own.
     """
 
     def __init__(
@@ -84,11 +77,8 @@ class PlaceMerger:
         notes_of: Callable[[Observation], Iterable[str]],
         twins: CapturedTwins = LEGS_OF_PROXY,
     ) -> None:
-        """Start without observations.
-
-        Args:
-            deliver: Receives each joined observation, but not in order of time; see `earliest_pending`.
-            notes_of: Returns the notes on a sighting. A proxy notes what it changed.
+        """`deliver` receives each joined observation, but not in order of time; see `earliest_pending`.
+        `notes_of` returns what a proxy noted on a sighting.
         """
         self.conversation = conversation
         self._deliver = deliver

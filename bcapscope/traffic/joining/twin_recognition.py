@@ -8,8 +8,8 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations immediately. Without a
-proxy, two clients that start the same program together are very unlikely to produce as many.
+"""Number of nested calls (see `NestedCalls`) for joining two conversations immediately. Without a proxy, two
+clients that start the same program together are very unlikely to produce as many.
 """
 
 FEWEST_CALLS = 2
@@ -29,7 +29,6 @@ class NestedCalls(NamedTuple):
     before the inner request, and the inner reply comes before the outer reply.
 
     Attributes:
-        calls: Number of nested calls.
         lag: Total time in ns that requests took from the outer to the inner conversation.
         is_contradicted: Whether a request came first in the inner, or a reply in the outer conversation.
     """
@@ -56,9 +55,7 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls suffice to recognise two conversations as the legs of a proxy; None if the
-    interface names show that they are not.
-    """
+    """Return how many nested calls show two legs of a proxy; None if the interface names rule them out."""
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
         return 1 if are_legs else None
