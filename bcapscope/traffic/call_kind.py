@@ -21,7 +21,6 @@ dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap C/src/
 """
 
 LONGEST_NAME = 256
-"""Maximum number of characters of a command's or object's name. Real names are far shorter."""
 
 _REQUEST = Direction.REQUEST
 _FUNCTION_ID = 9

@@ -20,7 +20,7 @@ TIMEOUTS_TO_GIVE_UP = 4
 """A client evidently gave up a retried call if no attempt follows within this many timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum silence in ns after which a client gave up a call. A busy client or network delays it less."""
+"""A client gave up a call only after this silence in ns; a busy one delays an attempt less."""
 
 OVERDUE_TIMEOUTS = 2
 """A reply is late if the time since the last attempt exceeds this multiple of the estimated timeout."""

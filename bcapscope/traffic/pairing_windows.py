@@ -10,13 +10,12 @@ from bcapscope.traffic.client_timeout import gives_up_at
 from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
-"""Maximum delay in ns of a frame that the network copied or reordered; factory networks take milliseconds. A
-restarted client that reuses its port can send equal frames again, but begins with Service_Start.
+"""Maximum delay in ns of a frame that the network copied or reordered. A restarted client that reuses its
+port can send equal frames again, but begins with Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a captured reply to a retry (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009).
-"""
+"""Maximum time in ns from a reply to a retry (DENSO's ROS 2 driver waits 3 s, DENSO Wave 2009 1 s)."""
 
 LATE_WITHIN_NS = 1_000_000_000
 """Maximum time in ns to wait for a reply after the client began a newer call, if one was answered."""
@@ -32,9 +31,8 @@ C/src/bCAPServer/bcap_server.c).
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies in all open calls of a conversation, about 30 MB of
-memory. Beyond the limit, the call of the latest frame and all earlier calls are evicted, and a further
-attempt counts as a new call. The older C client retries without end (start-jsk/denso b-Cap.c); every 20 ms,
-it reaches the limit within 22 minutes.
+memory. Beyond the limit, the call of the latest frame and all earlier calls are evicted. The older C client,
+which retries without end (start-jsk/denso b-Cap.c), reaches it within 22 minutes at 20 ms.
 """
 
 FRAME_COST = 512
@@ -65,11 +63,9 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
     """Set `no_reply_expected` of all open calls, oldest first, because their conversation has ended.
 
-    Controllers answer in order, so bcapscope expects no reply to a call if a later call has a reply. On UDP,
-    the reply to an older call can come up to `COPIES_WITHIN_NS` after the reply to a newer call. A client
-    that has given up a call accepts no reply to it.
-
-    `now` is the time when the capture ended, ns since 1970; 0 if nothing was captured after the conversation.
+    Controllers answer in order, but on UDP, the reply to an older call can come up to `COPIES_WITHIN_NS`
+    after the reply to a newer call. A client that has given up a call accepts no reply to it. `now` is the
+    time when the capture ended, ns since 1970; 0 if nothing was captured after the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies

@@ -33,13 +33,11 @@ class Tracker:
     """Groups requests, retries, notices and replies into calls, in bounded memory.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
-    this order: a call when it and all earlier calls of the conversation are complete.
+    this order: a call when it and all earlier calls of the conversation are complete. Beyond the memory
+    limits, it also returns (evicts) calls to which a reply may still follow.
 
-    The calls depend only on the observations so far, so a truncated capture gives the same calls as the whole
-    capture, except those that are open when it ends. Beyond the memory limits, the tracker also returns
-    (evicts) calls to which a reply may still follow.
-
-    The times of the observations, which are added in capture order, are the only clock.
+    The calls depend only on the observations so far, whose times are the only clock. A truncated capture
+    gives the same calls as the whole capture, except those that are open when it ends.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:

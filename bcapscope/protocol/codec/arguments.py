@@ -85,11 +85,8 @@ class ArgumentReader:
     that its length field gives. From there on, every length field limits its value. Two values never share a
     byte, and the reader reads each byte at most twice.
 
-    Attributes:
-        arguments: Arguments read so far; the last one may be partial.
-        problems: Violations of b-CAP found so far, in the order of their offsets.
-        pos: Offset of the first unread byte.
-        is_complete: Whether the reader found the start of every argument; values may still be truncated.
+    The last one of the `arguments` may be partial. `is_complete` says that the start of every argument was
+    found.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:

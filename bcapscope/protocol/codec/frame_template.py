@@ -1,8 +1,4 @@
-"""Templates: the parts that similar frames share. Only the first of a million set points is decoded in full.
-
-Two set points of a slave-mode session differ only in the serial, the reserved field and the numbers inside
-their arguments. Frames with different handles have different templates, but sessions use few handles.
-"""
+"""Templates: parts that similar frames share. Only the first of a million set points is decoded in full."""
 
 from __future__ import annotations
 
@@ -59,8 +55,8 @@ class _FrameShape:
 class FrameTemplate:
     """The parts that similar frames share, learned from one valid frame, the original.
 
-    A frame matches the template if only its serial, reserved field and numbers in arguments differ from the
-    original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
+    A frame matches the template if only its serial, reserved field and numbers, except a handle, differ from
+    the original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.

@@ -18,6 +18,7 @@ from bcapscope.protocol.codec.variant import (
     Variant,
     vt_name,
 )
+from bcapscope.protocol.text_format import shortened
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
 _LARGEST_R4 = 3.4028235e38
@@ -114,8 +115,8 @@ def _parse_element(vt: VT, text: str) -> Value:
             raise ValueError
         return _READERS.get(vt, _parse_integer)(vt, text)
     except ValueError:
-        shown = text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
-        raise InputError(Message("value.other-type", text=f"{shown!r}", type=vt_name(vt))) from None
+        shown = repr(shortened(text, _LONGEST_SHOWN))
+        raise InputError(Message("value.other-type", text=shown, type=vt_name(vt))) from None
 
 
 def _parse_integer(vt: VT, text: str) -> int:

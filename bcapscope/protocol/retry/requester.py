@@ -107,10 +107,8 @@ class _OpenAttempt:
 class Requester:
     """Makes one call at a time, because a controller executes the calls of a client one after another.
 
-    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, except with `abandon`.
-
-    Attributes:
-        deadline: Time in ns at which the program must call `handle_timeout`; None if no call is in progress.
+    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, except with `abandon`. While a call is
+    in progress, the program calls `handle_timeout` at the time `deadline`, in ns.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:

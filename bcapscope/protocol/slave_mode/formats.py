@@ -1,7 +1,4 @@
-"""Formats of slvMove: the bits of slvSendFormat and slvRecvFormat.
-
-Source: DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp and denso_robot.h.
-"""
+"""Formats of slvMove (DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp and denso_robot.h)."""
 
 from __future__ import annotations
 

@@ -2,8 +2,7 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
-the elements with slvSendFormat and slvRecvFormat. If slvSendFormat or slvRecvFormat was not captured, the
-decoder chooses the most likely order of the elements, and sets `guessed`.
+the elements with slvSendFormat and slvRecvFormat. If these were not captured, the decoder guesses.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""The strongest effect that a call can have: read data, open or close something, change a state, energise the
-robot, or move it.
+"""The strongest effect that a call can have on the robot.
 
 bcapscope derives the effects from the meanings of the functions in orin_bcap C/include/bcap_funcid.h and of
 the commands in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.

@@ -39,9 +39,8 @@ class CommandSpec:
     Attributes:
         function_id: Id of the function that takes the command: 17, 28, 64 or 87.
         parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
-        elements: Meaning of the parameter or of its elements in order; empty if unknown.
+        elements: Meaning of the parameter or of its elements in order.
         result_types: Possible types of the result; `none` if the reply has no value; () if unknown.
-        returns: Meaning of the result; empty if unknown.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
         controllers: Controllers, providers or objects that have the command; empty if unknown.
     """

@@ -64,14 +64,12 @@ class HresultInfo:
 
     Attributes:
         code: The result code, unsigned, 32 bits.
-        name: DENSO's symbol for the code; None if there is no symbol.
-        advice: One clause that says what to do about the code.
+        name: DENSO's symbol for the code.
         level: Error level 0..5.
         subsystem: Part of the controller that reports the code.
         axis: Axis 1..8.
         rc7: The four-digit code of RC7 with the same meaning.
-        is_listed: Whether a table lists the code; False if bcapscope derived the meaning from its digits or
-            range.
+        is_listed: Whether a table lists the code; its digits or range give the meaning otherwise.
         is_guess: Whether `meaning` depends on an assumption that no paper confirms.
     """
 

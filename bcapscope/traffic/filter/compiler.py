@@ -65,7 +65,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, TypeAlias, TypeVar
 
 from bcapscope.messages import Message
-from bcapscope.traffic.filter import operands
+from bcapscope.traffic.filter import matching, operands
 from bcapscope.traffic.filter.field_table import (
     FIELD_BY_NAME,
     SINCE_FIRST,
@@ -73,15 +73,7 @@ from bcapscope.traffic.filter.field_table import (
     RecordKind,
     fields_of,
 )
-from bcapscope.traffic.filter.matching import (
-    COMPARISONS,
-    ORDERINGS,
-    Match,
-    all_of,
-    any_of,
-    element,
-    is_number,
-)
+from bcapscope.traffic.filter.matching import Match
 from bcapscope.traffic.filter.operands import ComparedField
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, tokenize, with_nearest
 
@@ -211,13 +203,13 @@ class _Parser:
         tests = [self.parse_and()]
         while self.accept("||", "or"):
             tests.append(self.parse_and())
-        return any_of(tests)
+        return matching.any_of(tests)
 
     def parse_and(self) -> Test:
         tests = [self.parse_not()]
         while self.accept("&&", "and"):
             tests.append(self.parse_not())
-        return all_of(tests)
+        return matching.all_of(tests)
 
     def parse_not(self) -> Test:
         negated = False
@@ -286,14 +278,15 @@ class _Parser:
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
         """Parse a comparison with a field of the same numeric type; None, and nothing consumed, otherwise."""
         sign = self.peek()
-        if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
+        if not (sign.is_sign(*matching.COMPARISONS) and subject.type in operands.NUMERIC):
             return None
         name = self.tokens[self.position + 1]
         found = self.fields.get(name.text) if name.kind is TokenKind.WORD else None
         if found is None or found.type is not subject.type:
             return None
         self.position += 2
-        compare, read_other = COMPARISONS[sign.text], self.getter(found)
+        compare, read_other = matching.COMPARISONS[sign.text], self.getter(found)
+        is_number = matching.is_number
 
         def test(record: Any) -> bool:
             value, limit = read(record), read_other(record)
@@ -307,7 +300,7 @@ class _Parser:
         if sign.is_sign("==", "!="):
             self.advance()
             return self.equality(subject, [self.advance()], negated=sign.text == "!=")
-        if sign.is_sign(*ORDERINGS):
+        if sign.is_sign(*matching.ORDERINGS):
             self.advance()
             self.warnings += operands.doubts(subject, sign.text, self.peek())
             return operands.order(subject, sign.text, self.advance())
@@ -349,6 +342,7 @@ class _Parser:
 def _reader(get: Callable[[Any], object], path: Sequence[int]) -> Callable[[Any], object]:
     if not path:
         return get
+    element = matching.element
 
     def read(record: Any) -> object:
         value = get(record)

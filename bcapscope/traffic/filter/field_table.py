@@ -83,7 +83,6 @@ class FilterField(NamedTuple):
 
 
 SINCE_FIRST = "t"
-"""Name of the field with the time since the first frame. `Filter.bind` makes its getter."""
 
 
 def _known_commands() -> frozenset[str]:
@@ -121,7 +120,6 @@ def _field(row: dict[str, str]) -> FilterField:
 
 
 FIELDS = tuple(map(_field, table_rows("fields", os.path.dirname(__file__))))
-"""All fields, in the order in which the help lists them."""
 
 FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field for field in FIELDS})
 

@@ -21,12 +21,11 @@ class CapturePlace(IntEnum):
 
 class JoinedObservation(Observation):
     """One frame of a conversation that was captured at two places. A sighting is the frame as captured at one
-    place. The inherited fields are from the sighting at the client's side or, without it, at the controller's
-    side. The endpoints in `flow` are usually those at the client's side.
+    place; it is None if that place lacks the frame. The inherited fields are from the sighting at the
+    client's side or, without it, at the controller's side. The endpoints in `flow` are usually those at the
+    client's side.
 
     Attributes:
-        at_client: Sighting at the client's side; None if the frame was not captured there.
-        at_controller: Sighting at the controller's side; None if the frame was not captured there.
         is_missed: Whether one place lacks the frame although traffic was being captured at both places.
         is_relayed: Whether a proxy is between the two places.
         note: What a proxy did to the frame; "" for nothing.

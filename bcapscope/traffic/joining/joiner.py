@@ -35,10 +35,8 @@ request to the controller before the client gets the reply.
 """
 
 MAX_NEW = 1024
-"""Maximum number of conversations that the joiner holds at the same time."""
 
 MAX_SUSPECTS = 32
-"""Maximum number of conversations with which the joiner compares one new conversation."""
 
 MAX_CONVERSATIONS = 4096
 """Maximum number of remembered conversations. Beyond the limit, the joiner forgets all of them."""
@@ -47,10 +45,8 @@ MAX_JOINED = 256
 """Maximum number of joined conversations. Beyond the limit, the joiner stops joining the oldest one."""
 
 MAX_SENDERS = 16
-"""Maximum number of conversations that the joiner remembers and compares for one request."""
 
 MAX_REQUESTS = 65536
-"""Maximum number of remembered requests."""
 
 _REQUEST = Direction.REQUEST
 

@@ -18,7 +18,6 @@ MAX_PENDING = 65536
 """Beyond this number of frames that wait for their second sighting, the oldest stops waiting."""
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
 """Maximum number of lost frames to remember. They may still arrive, as when you release a held message."""
@@ -47,7 +46,6 @@ class CapturedTwins:
 
 
 LEGS_OF_PROXY = CapturedTwins()
-"""Both legs of a proxy in one capture."""
 
 
 class CaptureSide(NamedTuple):
