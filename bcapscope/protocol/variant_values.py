@@ -50,11 +50,7 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
 
 
 def argument_of(function: Function, param: Param, value: object) -> Variant:
-    """Convert a value to one argument of a request. A Variant stays unchanged.
-
-    Raises:
-        LocalProtocolError: The value does not fit the argument.
-    """
+    """Convert a value to one argument; LocalProtocolError if it does not fit. A Variant stays unchanged."""
     if isinstance(value, Variant) or param.type == "VARIANT":
         return variant_of(value)
     variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value

@@ -198,9 +198,7 @@ class Call:
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as `slvMove`; None if the function is not an Execute
-        function.
-        """
+        """Command of an Execute function, such as `slvMove`; None for any other function."""
         return self.kind.command
 
     @property
@@ -215,9 +213,7 @@ class Call:
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt of the call was captured. If the first attempt was not captured,
-        `request` is a retry.
-        """
+        """Whether the first attempt of the call was captured; otherwise, `request` is a retry."""
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
@@ -336,9 +332,7 @@ class Call:
         return self.reply.time - self.attempt_answered_by(self.reply).time
 
     def attempt_answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that has the same serial as the reply; the first attempt if no attempt has this
-        serial.
-        """
+        """Return the attempt that has the reply's serial; the first attempt if there is none."""
         serial = reply.item.serial
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)

@@ -32,9 +32,7 @@ class Outcome(StrEnum):
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
     NOT_CAPTURED = "not_captured"
-    """The capture may lack the reply, because bytes from the controller are missing or the capture holds only
-    requests.
-    """
+    """The capture may lack the reply: bytes from the controller are missing, or it holds only requests."""
 
 
 class CallVerdict(StrEnum):

@@ -15,9 +15,7 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Maximum number of open calls in all conversations, about 10 MB of memory. Beyond the limit, the
-conversation with the most open calls loses the older half of them.
-"""
+"""Maximum number of open calls, about 10 MB. Beyond it, the conversation with most loses its older half."""
 
 MAX_BYTES = 32 * 1024 * 1024
 """Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the conversation with

@@ -45,11 +45,9 @@ class Framing(Enum):
 
 
 class FrameContent:
-    """The decoded content of a frame that has at least a header; decoding never raises.
-
-    Attributes:
-        body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
-            bytes; the first nine bytes and EOT stay the same. Arguments and problems hold offsets in `body`.
+    """The decoded content of a frame that has at least a header; decoding never raises. In a compressed
+    frame, the unpacked content replaces the compressed bytes in `body`; the first nine bytes and EOT stay the
+    same. Arguments and problems hold offsets in `body`.
     """
 
     def __init__(self, raw: bytes) -> None:

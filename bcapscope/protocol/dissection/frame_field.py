@@ -32,7 +32,6 @@ from bcapscope.protocol.tables.function_table import (
 from bcapscope.protocol.tables.hresult import hresult_name
 
 HRESULT = "HRESULT"
-"""Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
 """Name of the field for the unreadable rest of an argument."""
@@ -52,7 +51,6 @@ class FrameField:
         value: None if the field has no value or its value is unreadable.
         vt: VARIANT type of `value`; None for numbers of the header.
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
-        unit: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
         children: Fields that together cover this field without a gap.
     """

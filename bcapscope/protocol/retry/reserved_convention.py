@@ -37,9 +37,7 @@ class ReplyReserved(StrEnum):
     """Value that a controller writes into the reserved field of its replies."""
 
     UNKNOWN = "unknown"
-    """The controller's convention is not known yet. `ZERO` and `ECHOED` differ only if the reserved field of
-    the request is not 0.
-    """
+    """Not known yet. `ZERO` and `ECHOED` differ only if the request's reserved field is not 0."""
     ZERO = "zero"
     """Always 0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
     ECHOED = "echoed"

@@ -140,13 +140,9 @@ class Responder:
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
     ) -> None:
-        """Start with a client that has sent no request yet.
-
-        Args:
-            expects_retries: True for UDP; False for TCP, where every request is a new call.
-            reply_reserved: `UNKNOWN` has the same effect as `ZERO`.
-            remembered: Maximum number of replies to store.
-            largest_answer: Maximum size of a reply in bytes.
+        """Start with a client that has sent no request yet. `expects_retries` is False for TCP, where every
+        request is a new call. Replies have at most `largest_answer` bytes, and `remembered` of them are
+        stored.
         """
         self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries

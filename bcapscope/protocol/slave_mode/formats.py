@@ -68,7 +68,6 @@ class ReceiveFormat:
         poses: Types of the poses in order. One number array holds both poses if there are two.
         timestamp: Whether there is the time since the controller's start.
         hand_io: Whether there is a hand I/O word, whose bit 0 is IO48.
-        current: Whether there is the motor current of each axis.
         mini_io: Whether there is a mini I/O word, whose bit 0 is IO0.
         user_io: Whether there is the range of I/O bits that slvMove requested.
         other: Bits of the format that have no known meaning; includes the last digit if it is above 5.

@@ -56,7 +56,6 @@ class SetPoint(NamedTuple):
     """The decoded parameter of slvMove.
 
     Attributes:
-        pose: Target pose; None if the parameter holds no pose.
         mini_io: Word that the controller writes to the mini I/O; bit 0 is IO0.
         user_read: I/O bits that the controller returns in the reply.
         hand_io: Word that the controller writes to the hand I/O; bit 0 is IO48.
@@ -82,8 +81,6 @@ class Feedback(NamedTuple):
         mini_io: Word read from the mini I/O; bit 0 is IO0.
         user_io: I/O bits that the set point requested.
         hand_io: Word read from the hand I/O; bit 0 is IO48.
-        guessed: Whether the pose type or the order of elements is a guess.
-        problems: How the result differs from the expected form.
     """
 
     timestamp: int | None = None

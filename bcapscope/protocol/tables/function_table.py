@@ -60,13 +60,11 @@ class Function:
 
     Attributes:
         id: Function id, 1..137, at offset 9 of a request.
-        name: The vendor's name of the function: class, underscore and verb, such as `Robot_Execute`.
         owner: Class of the object to which the handle in the first argument must refer.
         params: The handle comes first. Clients always send optional strings; a string without a value is
             empty.
         result_name: The vendor's name of the result, such as `hRobot` or `pVal`.
         creates: Class of the object that a successful call opens. Service_Start's object has no handle.
-        releases: Class of the object that a successful call releases.
         note: One clause that says how implementations of the function disagree; empty if they agree.
     """
 

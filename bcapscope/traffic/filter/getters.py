@@ -72,9 +72,7 @@ class AnnotatedFrame(NamedTuple):
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as ``slvMove``; None for any other function, or if the command
-        is unknown.
-        """
+        """Command of an Execute function, such as ``slvMove``; None for any other, or if unknown."""
         return None if self.call_kind is None else self.call_kind.command
 
     @property

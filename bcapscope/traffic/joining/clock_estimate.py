@@ -174,9 +174,7 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound`, searched from `sound`, at which the concave `value` is not
-    negative.
-    """
+    """Return the number nearest to `bound` at which the concave `value`, as at `sound`, is not negative."""
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

@@ -21,9 +21,8 @@ the median. A larger difference shows different frames with equal bytes, such as
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
 """Conditions for joining two captures whose times do not overlap: the minimum number and the minimum fraction
-of frames in common, and the maximum median deviation from the median offset, ns. Captures without overlap
-hold equal frames if a clock was wrong, or if the client executed a program twice, but then it normally
-changes its port, the sent values or the pauses between frames.
+of frames in common, and the maximum median deviation from the median offset, ns. Such captures share frames
+if a clock was wrong. If a program was executed twice, its port, values or pauses normally differ.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]

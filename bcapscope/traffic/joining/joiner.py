@@ -92,11 +92,8 @@ class Joiner(LegJoiner):
 
     The joiner delays a new conversation by at most `HELD_NS`, or `HELD_UNANSWERED_NS` without a reply, while
     its second leg may still appear. It returns observations of joined conversations as `JoinedObservation`,
-    and all others unchanged.
-
-    Attributes:
-        passing: Flows of conversations without a second leg. Callers need not add their observations, because
-            `add` would return each one immediately.
+    and all others unchanged. Callers need not add observations of the flows in `passing`, whose conversations
+    have no second leg, because `add` would return each one immediately.
     """
 
     def __init__(
