@@ -170,12 +170,8 @@ class Responder:
         if call is None:
             if self._running is not None:
                 return RequestDecision(RequestKind.BUSY)
-            if (
-                not had_received
-                and self._retries
-                and frame.serial == 0
-                and Defect.SERIAL_ZERO in self._defects
-            ):
+            is_ignored = frame.serial == 0 and Defect.SERIAL_ZERO in self._defects
+            if is_ignored and self._retries and not had_received:
                 return RequestDecision(RequestKind.REPEAT, self.reply_unremembered(frame, S_OK))
             self._running = call = _Call(frame, content)
             if self._retries:
