@@ -16,7 +16,7 @@ LONGEST_STEP_NS = 500_000_000
 
 class RequestsOnlyEvidence:
     """Finds out from a client's requests whether it received replies, although no reply was captured: it uses
-    a handle, or makes `FEWEST_CALLS` calls in quick succession without a retry.
+    the handle of an object that it opened, or calls often in quick succession without a retry.
     """
 
     def __init__(self) -> None:
