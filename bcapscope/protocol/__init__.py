@@ -1,17 +1,8 @@
 """The b-CAP protocol: frames, VARIANTs, functions, commands and result codes.
 
 The package uses only the standard library. The package does no I/O and reads no clock. Other programs can
-import these names directly from `bcapscope.protocol`:
-
-* `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: read and write single frames
-  and datagrams.
-* `StreamSplitter`, `StreamPiece`: find the frames in a TCP stream.
-* `VT`, `ARRAY`, `Variant`, `EMPTY`, `vt_name`, `integer_value`: the typed values in a frame.
-* `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: the functions that requests call.
-* `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: the meanings of result codes.
-
-All other names are in the submodules. Each name is loaded on first use, so that an import of one submodule
-does not load the other submodules.
+import the names in `__all__` directly from `bcapscope.protocol`. Each name is loaded on first use, so that an
+import of one submodule does not load the other submodules.
 """
 
 from __future__ import annotations

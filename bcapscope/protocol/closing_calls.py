@@ -1,7 +1,4 @@
-"""The calls that close a session.
-
-A client makes these calls when it ends. The proxy makes these calls for a client that crashed or is gone.
-"""
+"""The calls that close a session: made by a client that ends, or by the proxy for a client that is gone."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""For each class of objects, the function that releases an object. Service_Stop releases the service."""
 
 ClosingCall = tuple[int, tuple[Variant, ...]]
 
@@ -25,16 +21,8 @@ def closing_calls(
     *,
     stops_service: bool = True,
 ) -> Iterator[ClosingCall]:
-    """Yield the function id and arguments of the calls in order: leave slave mode, give the arm back, release
-    objects, stop the service.
-
-    None of these calls moves a robot.
-
-    Args:
-        robots: Handles of the robots in slave mode.
-        arms: Handles of the robots whose arm the client has taken with TakeArm.
-        objects: Class and handle of each object that is still open, newest first.
-        stops_service: Whether the last call is Service_Stop.
+    """Yield the function id and arguments of the calls in order: leave slave mode (`robots`), give the arm
+    back (`arms`), release `objects` (newest first), stop the service. None of these calls moves a robot.
     """
     for handle in robots:
         yield _robot_command(handle, "slvChangeMode", Variant(VT.I4, 0))

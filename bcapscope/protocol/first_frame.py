@@ -7,9 +7,7 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
-"""The first frame counts as complete when this number of bytes has arrived. Requests that open a session are
-much shorter than this number.
-"""
+"""This number of bytes counts as a complete first frame. Frames that open a session are shorter."""
 
 _LONGEST_STOP = 1024
 _LENGTH_ENDS = 5

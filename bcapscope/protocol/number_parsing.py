@@ -1,7 +1,5 @@
-"""Parse numbers that people type: ASCII digits only, with limits for length and value.
-
-Python's own functions accept too much: digits of every script, integers of 4,300 digits, and floats that
-overflow to infinity.
+"""Parse numbers that people type: ASCII digits only, with limits for length and value. Python's own functions
+accept digits of every script, integers of 4,300 digits, and floats that overflow to infinity.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
-    """Parse a decimal or 0x-prefixed integer. Return None if the text is invalid or out of bounds."""
+    """Parse a decimal or 0x-prefixed integer; None if it is invalid or out of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _INTEGER.fullmatch(text):
         return None
@@ -25,7 +23,7 @@ def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
 
 
 def parse_number(text: str, minimum: float, maximum: float) -> float | None:
-    """Parse a decimal number, with or without exponent. Return None if it is invalid or out of bounds."""
+    """Parse a decimal number, with or without exponent; None if it is invalid or out of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _NUMBER.fullmatch(text):
         return None

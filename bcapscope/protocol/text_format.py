@@ -8,9 +8,8 @@ _FORMULA_STARTS = tuple("=+-@\t\r＝＋－＠")
 
 
 def is_spreadsheet_formula(text: str) -> bool:
-    """Return whether a spreadsheet would interpret a text as a formula.
-
-    Japanese spreadsheets also treat the full-width forms of `=`, `+`, `-` and `@` as the start of a formula.
+    """Return whether a spreadsheet would interpret a text as a formula. Japanese spreadsheets also accept the
+    full-width forms of `=`, `+`, `-` and `@`.
     """
     return text.lstrip(" \u3000").startswith(_FORMULA_STARTS)
 
@@ -29,11 +28,5 @@ def display_width(text: str) -> int:
     """Return how many terminal columns a text takes: two for a wide character, none for a combining one."""
     if text.isascii():
         return len(text)
-    return sum(
-        0
-        if unicodedata.category(char) in ("Mn", "Me")
-        else 2
-        if unicodedata.east_asian_width(char) in "WF"
-        else 1
-        for char in text
-    )
+    spacing = [char for char in text if unicodedata.category(char) not in ("Mn", "Me")]
+    return len(spacing) + sum(unicodedata.east_asian_width(char) in "WF" for char in spacing)

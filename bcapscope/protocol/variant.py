@@ -1,6 +1,4 @@
-"""Deprecated location of `VT` and `Variant`. Older versions of bcapscope generated Python programs that
-import this module.
-"""
+"""Deprecated location of `VT` and `Variant`, for programs that older versions of bcapscope generated."""
 
 import warnings
 from typing import Any

@@ -19,10 +19,9 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 def variant_of(value: object) -> Variant:
     """Convert a Python value to a VARIANT. Raise LocalProtocolError if b-CAP has no type for this value.
 
-    None becomes EMPTY, bool becomes BOOL, int becomes I4 (or I8 if too large for I4), float becomes R8, str
-    becomes BSTR, and bytes become an array of UI1. A list of values of one type becomes an array of this
-    type. A list of int and float becomes an array of R8. Any other list becomes an array of VARIANT. A
-    Variant stays unchanged.
+    None becomes EMPTY, bool BOOL, int I4 (or I8 if too large for I4), float R8, str BSTR, and bytes an array
+    of UI1. A list of values of one type becomes an array of this type, a list of int and float an array of
+    R8, and any other list an array of VARIANT. A Variant stays unchanged.
     """
     if isinstance(value, Variant):
         return value
@@ -39,11 +38,7 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert values to the arguments of a request. The first value is the handle.
-
-    Raises:
-        LocalProtocolError: The number of values is wrong, or a value does not fit its argument.
-    """
+    """Convert values to a request's arguments; LocalProtocolError if their number or a value is wrong."""
     if len(values) != len(function.params):
         wanted = Count(len(function.params), "argument")
         raise LocalProtocolError(
@@ -55,11 +50,7 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
 
 
 def argument_of(function: Function, param: Param, value: object) -> Variant:
-    """Convert a value to one argument of a request. A Variant stays unchanged.
-
-    Raises:
-        LocalProtocolError: The value does not fit the argument.
-    """
+    """Convert a value to one argument; LocalProtocolError if it does not fit. A Variant stays unchanged."""
     if isinstance(value, Variant) or param.type == "VARIANT":
         return variant_of(value)
     variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value
@@ -75,7 +66,6 @@ def argument_of(function: Function, param: Param, value: object) -> Variant:
 
 
 def plain_value(variant: Variant) -> Value:
-    """Return the Python value of a VARIANT. If the value is a VARIANT array, convert its elements too."""
     if isinstance(variant.value, tuple):
         return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
     return variant.value

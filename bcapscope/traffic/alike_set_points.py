@@ -11,11 +11,9 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 class AlikeSetPoints:
     """The current series of alike set points in one conversation.
 
-    A series contains only set points that the client sent once and that the controller accepted with S_OK.
-    All frames of a series are undamaged. The requests of alike set points differ only in the serial, the
-    reserved field and the numbers in the arguments. The replies to alike set points differ only in the
-    serial, the reserved field and the numbers in the value. A new series begins after each set point with
-    S_OK that does not belong to the current series.
+    A series contains only set points that the client sent once and that the controller accepted with S_OK, in
+    undamaged frames. Their requests and replies differ only in the serial, the reserved field and the numbers
+    in arguments and values. A new series begins after each other set point with S_OK.
     """
 
     def __init__(self) -> None:
@@ -23,7 +21,6 @@ class AlikeSetPoints:
         """The templates of requests and replies in the current series; None if there is no series."""
 
     def continues(self, call: Call) -> bool:
-        """Return whether a call belongs to the current series of alike set points."""
         templates, reply = self._templates, call.reply
         if templates is None or reply is None or call.other_frames:
             return False
@@ -41,9 +38,7 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the series if `call` failed or is no set point. Begin a new series if `call` is a set point
-        with S_OK.
-        """
+        """End the series after a failure or another call; begin one with a set point with S_OK."""
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

@@ -65,11 +65,9 @@ class CallState(StrEnum):
     """State of a call. `pairing_states` defines the transitions between the states."""
 
     WAITING = "waiting"
-    """The client waits for the reply."""
     EXECUTING = "executing"
-    """The client waits for the reply, and the controller has sent S_EXECUTING."""
+    """The controller has sent S_EXECUTING, and the client waits for the reply."""
     ANSWERED = "answered"
-    """The controller has answered the latest attempt."""
     ABANDONED = "abandoned"
     """The client began another call before it received a reply to this call."""
     UNANSWERED = "unanswered"
@@ -200,9 +198,7 @@ class Call:
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as `slvMove`; None if the function is not an Execute
-        function.
-        """
+        """Command of an Execute function, such as `slvMove`; None for any other function."""
         return self.kind.command
 
     @property
@@ -217,18 +213,16 @@ class Call:
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt of the call was captured. If the first attempt was not captured,
-        `request` is a retry.
-        """
+        """Whether the first attempt of the call was captured; otherwise, `request` is a retry."""
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
     @property
     def attempts(self) -> tuple[FrameObservation, ...]:
         """All captured attempts of the call, oldest first."""
-        return (
-            (self.request, *self._frames_with_role(FrameRole.RETRY)) if self.other_frames else (self.request,)
-        )
+        if not self.other_frames:
+            return (self.request,)
+        return (self.request, *self._frames_with_role(FrameRole.RETRY))
 
     @property
     def retries(self) -> int:
@@ -338,9 +332,7 @@ class Call:
         return self.reply.time - self.attempt_answered_by(self.reply).time
 
     def attempt_answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that has the same serial as the reply; the first attempt if no attempt has this
-        serial.
-        """
+        """Return the attempt that has the reply's serial; the first attempt if there is none."""
         serial = reply.item.serial
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)
@@ -397,8 +389,7 @@ class StrayReply:
     """A reply or notice that belongs to no open call of its conversation.
 
     Attributes:
-        call_number: Number of a complete call with an attempt that has the reply's serial; None if bcapscope
-            remembers no such call.
+        call_number: Number of a complete call with an attempt that has the reply's serial.
         request_missed: Whether the serials show that the client sent a request that the capture lacks. The
             client's next request makes `request_missed` False if the client did not skip the reply's serial.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that

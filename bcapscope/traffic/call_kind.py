@@ -13,18 +13,14 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of handle and command for which `CallKinds` remembers the call kind. Beyond this
-limit, `CallKinds` clears its memory. A client uses a few dozen pairs of handle and command.
-"""
+"""Maximum number of pairs of handle and command that `CallKinds` remembers. A client uses a few dozen."""
 
 MAX_CONVERSATIONS = 256
-"""Maximum number of conversations that are remembered. Beyond the limit, the conversation with the longest
-silence is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
-C/src/bCAPServer/bcap_server.c).
+"""Maximum number of remembered conversations. Beyond the limit, the conversation with the longest silence is
+dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 LONGEST_NAME = 256
-"""Maximum number of characters of a command's or object's name. Real names are far shorter."""
 
 _REQUEST = Direction.REQUEST
 _FUNCTION_ID = 9
@@ -99,9 +95,7 @@ class CallKinds:
 
 
 class RecentRequests:
-    """Remembers recent requests, so that a reply can be shown with the function of its request. The request
-    of a reply is the latest request with the same serial.
-    """
+    """Remembers recent requests, so that a reply can be shown with the function of its request."""
 
     def __init__(self) -> None:
         self._kind_of = CallKinds().kind_of
@@ -110,10 +104,8 @@ class RecentRequests:
         self._current: RecentSerials[CallKind] = RecentSerials()
 
     def kind_of(self, observation: Observation) -> CallKind | None:
-        """Return the kind of a request, or of the request that a reply answers.
-
-        Returns:
-            None for bytes that are no frame, and for a reply whose request was not captured or is too old.
+        """Return the kind of a request, or of the latest request with the same serial as a reply; None for
+        bytes that are no frame, and for a reply whose request was not captured or is too old.
         """
         frame, flow = observation.item, observation.flow
         if isinstance(frame, Malformed):

@@ -32,9 +32,7 @@ class Outcome(StrEnum):
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
     NOT_CAPTURED = "not_captured"
-    """The capture may lack the reply, because bytes from the controller are missing or the capture holds only
-    requests.
-    """
+    """The capture may lack the reply: bytes from the controller are missing, or it holds only requests."""
 
 
 class CallVerdict(StrEnum):
@@ -103,7 +101,6 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_frames(call: Call) -> CallVerdict:
-    """Return the verdict from the frames that surely belong to the call."""
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if _sure(call, call.late_replies):
@@ -124,9 +121,8 @@ def _by_frames(call: Call) -> CallVerdict:
 
 
 def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
-    """Infer whether attempts or replies of a retried call were lost, and return the verdict.
-
-    The controller executes the first attempt that reaches it, and answers each attempt in order.
+    """Infer the verdict on a retried call: a controller executes the first attempt that reaches it, and
+    answers each attempt in order.
     """
     answered = {reply.item.serial for reply in lost}
     if call.reply is not None:
@@ -142,10 +138,8 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 
 
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
-    """Return whether an attempt evidently got lost on its way to a capture point at the controller.
-
-    A capture at the controller normally holds every reply, so an attempt without a reply did not reach the
-    controller. `received` holds the serials of the attempts with replies or notices.
+    """Return whether a capture at the controller, which normally holds every reply, lacks an attempt and its
+    reply. `received` holds the serials of the attempts with replies or notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
@@ -158,19 +152,13 @@ def _lost_replies(call: Call) -> tuple[FrameObservation, ...]:
 
 
 def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
-    return (
-        frames
-        if call.sure_until is None
-        else [frame for frame in frames if call.surely_has(frame.item.serial)]
-    )
+    if call.sure_until is None:
+        return frames
+    return [frame for frame in frames if call.surely_has(frame.item.serial)]
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the undamaged replies to the call differ in result or value.
-
-    E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
-    call.
-    """
+    """Return whether the undamaged replies differ. E_BUSY and S_EXECUTING do not show an execution."""
     accepted = () if call.reply is None else (call.reply,)
     replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))
     frames = [reply.item for reply in replies if not reply.item.problems]
@@ -181,9 +169,7 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether every reply in `replies` may have been on the network at the same time as the client's
-    next attempt. The capture may lack the next attempt.
-    """
+    """Return whether every reply may have crossed the client's next attempt, which may be uncaptured."""
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
     for reply in replies:

@@ -1,11 +1,9 @@
 """Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
-A reply and a retry cross on the network if the client sends the retry before the client receives the reply. A
-reply that reaches the client after the client sent a retry is late. If a reply had enough time to reach the
-client, and the client still retried, the reply was lost. A capture on the client's computer shows whether a
-reply was late or lost. Elsewhere in the network, a reply can be captured before a retry that the client had
-already sent. If a reply and a retry crossed, their capture times differ by at most the round-trip time
-between capture point and client.
+If the client sends a retry before it receives a reply, the two cross, and the reply is late. If the reply had
+enough time to reach the client, and the client still retried, the reply was lost. Only a capture on the
+client's computer shows which. Elsewhere, the capture times of a crossing reply and retry differ by at most
+the round-trip time between capture point and client.
 """
 
 from __future__ import annotations
@@ -20,14 +18,10 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns from a reply to a retry that the client was already preparing. The limit applies to
-captures on the client's computer.
-"""
+"""Maximum time in ns, at the client, from a reply to a retry that was already being prepared."""
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed time in ns of a round trip from the capture point to the client and back. Factory networks delay a
-frame by milliseconds.
-"""
+"""Assumed round-trip time in ns from the capture point to the client. Factory networks take milliseconds."""
 
 _REACTIONS = 3  # minimum number of a client's reaction times; one short time can be a coincidence
 _MARGIN = 2  # a round trip may take this many times as long as the shortest round trips
@@ -47,16 +41,11 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    `CrossingWindow` estimates the round-trip time between capture point and client from the client's reaction
-    times. A reaction time is the time between the captures of a reply and of the client's next request. Each
-    reaction time includes a round trip between capture point and client.
-
-    Attributes:
-        considered_below_ns: Limit in ns: `CrossingWindow` uses only reaction times below this limit.
+    The client's reaction times, from the capture of a reply to that of its next request, include the round
+    trip between capture point and client. Only those below `considered_below_ns` are used.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. For a capture at the client, `nanoseconds` is always `CROSSING_AT_CLIENT_NS`."""
         self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
@@ -68,9 +57,7 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Add the client's reaction time: the time from the call's reply to the client's next request. Ignore
-        a retried call, because the client may have given up before the reply came.
-        """
+        """Add the client's reaction time, unless it retried and may have given up before the reply."""
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (
             call.reply is None

@@ -12,34 +12,25 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a call less than this
-time after an unanswered request evidently does not wait for replies. A client that does not wait for replies
-may still accept the reply to its previous request.
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a call sooner after an
+unanswered request does not wait for replies, but may still accept the reply to that request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
-"""bcapscope assumes that a client gave up a retried call if no further attempt follows within this many
-timeouts.
-"""
+"""A client evidently gave up a retried call if no attempt follows within this many timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum silence in ns after which bcapscope assumes that the client gave up a call. A busy client or
-network delays an attempt by less than this time.
-"""
+"""A client gave up a call only after this silence in ns; a busy one delays an attempt less."""
 
 OVERDUE_TIMEOUTS = 2
-"""A reply is late if the time since the last attempt exceeds this multiple of the client's timeout. bcapscope
-estimates the timeout from the times between attempts, so the limit includes a margin.
-"""
+"""A reply is late if the time since the last attempt exceeds this multiple of the estimated timeout."""
 
 _MAX_DISTANCES = 32
 _MAX_KINDS = 64
 
 
 def attempt_distances(call: Call) -> list[int]:
-    """Return the times in ns between successive attempts of a call. Attempts that were not captured are
-    assumed to be evenly spaced.
-    """
+    """Return the times in ns between successive attempts; uncaptured ones count as evenly spaced."""
     attempts = call.attempts
     if len(attempts) == 1:
         return []
@@ -53,18 +44,14 @@ def attempt_distances(call: Call) -> list[int]:
 
 
 def waits_since(call: Call) -> int:
-    """Return the time, in ns since 1970, when the client began to wait for the reply to a call's last
-    attempt. S_EXECUTING for this attempt restarts the wait.
-    """
+    """Return when the client sent the last attempt, or got the latest S_EXECUTING for it, ns since 1970."""
     serial, sent_at = call.last_attempt.item.serial, call.last_attempt.time
     return max((sent_at, *(notice.time for notice in call.notices if notice.item.serial == serial)))
 
 
 def gives_up_at(call: Call) -> int:
-    """Return the time, in ns since 1970, when the client evidently gave up an unanswered call; 0 if unknown.
-
-    The time is known only for a retried call without S_EXECUTING, because S_EXECUTING prolongs the client's
-    timeout (DENSO Wave 2009).
+    """Return when the client evidently gave up an unanswered call, ns since 1970; 0 if unknown. That is known
+    only for a retried call without S_EXECUTING, which prolongs the timeout (DENSO Wave 2009).
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP)
     return call.last_attempt.time + silence if silence else 0
@@ -72,17 +59,14 @@ def gives_up_at(call: Call) -> int:
 
 def waits_in_vain(call: Call, now: int) -> bool:
     """Return whether an unanswered call has lasted at least `TIMEOUTS_TO_GIVE_UP - 1` times the client's
-    timeout. The result is False for a call younger than `SHORTEST_SILENCE_NS`, and if the client's timeout is
-    unknown.
+    timeout, and at least `SHORTEST_SILENCE_NS`. False if the timeout is unknown.
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
     return silence > 0 and now - call.request.time >= silence
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return `timeouts` times the client's timeout in ns, but at least `SHORTEST_SILENCE_NS`. Return 0 if the
-    client's timeout is unknown.
-    """
+    """Return `timeouts` times the client's timeout in ns, at least `SHORTEST_SILENCE_NS`; 0 if unknown."""
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 
@@ -94,9 +78,8 @@ class ShownTimeouts:
         self._distances: dict[CallKind, deque[int]] = {}
 
     def add_call(self, call: Call) -> int:
-        """Learn the client's timeout from a complete call. Return the time when the client stopped waiting
-        for a reply that came too late (see `OVERDUE_TIMEOUTS`), ns since 1970. Return 0 if no reply came too
-        late.
+        """Learn the client's timeout from a complete call. If a reply came too late (see `OVERDUE_TIMEOUTS`),
+        return the time when the client stopped waiting, ns since 1970; otherwise 0.
         """
         distances = attempt_distances(call)
         if not distances:

@@ -9,13 +9,8 @@ _REPLIES = (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST)
 
 
 class FrameIndex:
-    """Finds the attempts and replies of one open call by their bytes and serials.
-
-    Attributes:
-        sent_at: Maps the bytes of each attempt to the latest time at which they were captured.
-        reserved_by_serial: Maps each serial to the reserved field of the latest attempt with this serial.
-        received_at: Maps the bytes of each reply to the latest time at which they were captured. Notices, and
-            replies that did not reach the client's side, are left out.
+    """The latest capture times of the attempts and replies of one open call, by their bytes. Notices, and
+    replies that did not reach the client's side, are left out.
     """
 
     def __init__(self, call: Call) -> None:
@@ -40,8 +35,6 @@ class FrameIndex:
 
 
 class FrameIndexes(dict[Call, FrameIndex]):
-    """The indexes of open calls. The first lookup creates the index of a call."""
-
     def __missing__(self, call: Call) -> FrameIndex:
         index = self[call] = FrameIndex(call)
         return index

@@ -1,6 +1,7 @@
-"""Examine the handles that a controller gave in a session. A skipped handle shows that the controller
-executed a retried call more than once. An accepted handle that no captured reply contains shows that the
-capture lacks a reply.
+"""Find executions and replies that the capture lacks, from the handles that a controller gave in a session.
+
+A skipped handle shows that the controller executed a retried call more than once. An accepted handle that no
+captured reply contains shows that the capture lacks a reply.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
 OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
-"""Ids of the functions that open a session or an object."""
 
 
 class HandleSequence:
@@ -43,9 +43,8 @@ class HandleSequence:
         self._last_handle = handle
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
-        """Return whether later calls prove that the client received a reply to `call`, although the capture
-        lacks the reply. If the controller accepts a handle that no captured reply contains, the capture lacks
-        the reply with this handle.
+        """Return whether later calls prove that the client received a reply to `call` that the capture lacks:
+        the controller accepted a handle that no captured reply contains.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

@@ -16,11 +16,12 @@ from bcapscope.traffic.call_kind import LONGEST_NAME, MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
-"""Maximum number of objects that are remembered per client. Beyond the limit, the oldest object is dropped.
-DENSO's C server allows 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum number of remembered objects per client. Beyond the limit, the oldest object is dropped. DENSO's C
+server allows 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""
 
 MAX_SESSIONS = 1024
-"""Maximum number of ended sessions that are remembered. Beyond the limit, the oldest session is dropped."""
+"""Maximum number of remembered ended sessions. Beyond the limit, the oldest session is dropped."""
 
 _HANDLE_TYPES = (VT.I4, VT.I2, VT.UI4)
 # number of bytes in a VT_I4 argument before its value
@@ -32,10 +33,10 @@ class TrackedObject:
     """An object of the controller for which a client has, or had, a handle.
 
     Attributes:
-        name: Name that the call gave when it opened the object, such as `Arm`; "" if it gave no name.
+        name: Name that the call gave when it opened the object, such as `Arm`; may be "".
         parent: Label of the object through which this object was opened; "" for a controller or if unknown.
-        known_to_client: Whether the client received the handle. `known_to_client` is False if the reply was
-            late, or if a repeated execution of the call created the object.
+        known_to_client: False if the reply was late, or if a repeated execution of the call created the
+            object.
     """
 
     kind: ObjectClass
@@ -47,13 +48,10 @@ class TrackedObject:
 
     @property
     def label(self) -> str:
-        """Text that identifies the object: its name, or else its class and handle, such as `Robot 1`."""
         return self.name or f"{self.kind} {self.handle}"
 
 
 class SessionEnding(StrEnum):
-    """How a session ended."""
-
     STOPPED = "stopped"
     """The client ended the session properly, with Service_Stop."""
     RESTARTED = "restarted"
@@ -68,8 +66,7 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: Objects that the client did not release: first the objects whose handles the client never
-            received, then the other objects in creation order.
+        unreleased: First the objects whose handles the client never received, then others in creation order.
     """
 
     conversation: Conversation
@@ -84,20 +81,16 @@ class ServiceSession:
 
 
 class HandleTracker:
-    """Tracks the object of each handle, from the completed calls of all clients. A controller may use the
-    same handle for objects of two classes.
-    """
+    """Tracks the object of each handle. A controller may use the same handle for objects of two classes."""
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
-        """Start without sessions. Only the latest `max_ended` ended sessions are remembered."""
+        """Remember only the latest `max_ended` ended sessions."""
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Process the next call; return the object of its handle, or None if the object is unknown. The
-        caller must pass the calls of a conversation in starting order.
-        """
+        """Process the next call, in starting order; return the object of its handle if known."""
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
             return None
@@ -121,14 +114,12 @@ class HandleTracker:
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
-        """Return the ended sessions in the order in which they ended, then the open sessions. `unreleased` of
-        an open session lists the objects that the client has not released so far.
-        """
+        """Return the ended sessions in the order in which they ended, then the open sessions."""
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop a client that has disconnected, and add its open session to the ended sessions."""
+        """Drop a client that has disconnected; its open session counts as ended."""
         client = self._clients.pop(conversation, None)
         if client is not None:
             self._end_session(client, SessionEnding.OPEN)
@@ -149,12 +140,6 @@ class HandleTracker:
 
 
 class _ClientObjects:
-    """The current session of one client.
-
-    Attributes:
-        orphans: Open objects whose handles the client never received.
-    """
-
     def __init__(self, conversation: Conversation) -> None:
         self.conversation = conversation
         self.start_session(None)
@@ -196,7 +181,7 @@ class _ClientObjects:
 
 
 def handle_of(request: Frame) -> int | None:
-    """Return the handle in the first argument of a request; None if the first argument is no integer."""
+    """Return the handle in the first argument of a request; None if this argument is no integer."""
     raw = request.raw
     if raw[15:25] == _I4_HANDLE and len(raw) > 29 and request.reserved != 1:
         return int.from_bytes(raw[25:29], "little", signed=True)
@@ -234,7 +219,6 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply reports success. A reply that was not captured counts as success."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     if call.reply_not_captured:
         return True

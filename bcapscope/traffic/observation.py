@@ -22,9 +22,7 @@ class Transport(StrEnum):
 
 
 class Direction(StrEnum):
-    """Direction of a frame. bcapscope infers the direction from the controller's address, because no field of
-    a frame shows the direction.
-    """
+    """Direction of a frame, inferred from the controller's address, because no field shows it."""
 
     REQUEST = "request"
     RESPONSE = "response"
@@ -51,11 +49,7 @@ class ServerEvidenceKind(StrEnum):
 
 
 class ServerEvidence(NamedTuple):
-    """Evidence that shows which end of a conversation is the controller.
-
-    Attributes:
-        code: The result code for `RESULT`, the function id for `CALL`, otherwise 0.
-    """
+    """Evidence of which end is the controller. `code` is a result code, a function id, or 0."""
 
     kind: ServerEvidenceKind
     code: int = 0
@@ -82,13 +76,10 @@ class ConnectionEnd:
     """How and when a TCP connection was first closed or reset.
 
     Attributes:
-        by: Direction of the packet that ended the connection: `REQUEST` if the client ended the connection,
-            `RESPONSE` if the controller ended it.
-        reset: True if RST ended the connection; False if FIN closed one direction, and the other end may
-            still send.
+        by: Direction of the packet that ended the connection: `REQUEST` if the client ended it.
+        reset: True for RST, False for FIN, after which the other end may still send.
         time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
-        both_ended: Whether the second end has also closed the connection, or one end reset the connection
-            after a FIN.
+        both_ended: Whether the second end has also closed it, or one end reset it after a FIN.
     """
 
     by: Direction
@@ -98,9 +89,7 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether the controller can no longer reply. If only the client has sent FIN, the controller can
-        still reply.
-        """
+        """Whether the controller can no longer reply. It can if only the client has sent FIN."""
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 

@@ -1,6 +1,4 @@
-"""Time windows and memory limits of `ConversationPairing`. A window is the time in which a call can get
-further frames.
-"""
+"""Time windows, in which a call can get further frames, and memory limits of `ConversationPairing`."""
 
 from __future__ import annotations
 
@@ -12,57 +10,43 @@ from bcapscope.traffic.client_timeout import gives_up_at
 from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
-"""Maximum delay in ns of a frame that the network copied or reordered. Factory networks delay a frame by
-milliseconds. A restarted client that reuses its port can send equal frames again, but begins with a
-Service_Start.
+"""Maximum delay in ns of a frame that the network copied or reordered. A restarted client that reuses its
+port can send equal frames again, but begins with Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
-(3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+"""Maximum time in ns from a reply to a retry (DENSO's ROS 2 driver waits 3 s, DENSO Wave 2009 1 s)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call. `LATE_WITHIN_NS` applies if the
-controller has answered a newer call. bcapscope reports a reply to a complete call as a `StrayReply` with the
-number of the call.
-"""
+"""Maximum time in ns to wait for a reply after the client began a newer call, if one was answered."""
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call. `BUSY_WITHIN_NS` applies if the
-controller has answered no newer call. Controllers answer calls in order, so the controller may still be
-executing the abandoned call.
-"""
+"""The same if none was answered: the controller may still be executing the abandoned call."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns between two successive frames of an unanswered call. `EXECUTION_NS` applies if the
-controller has answered no newer call. The value is the InvokeTimeout of DENSO's C server, after which this
-server no longer answers (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Maximum time in ns between two frames of an unanswered call, if the controller has answered no newer call:
+the InvokeTimeout of DENSO's C server, after which it no longer answers (orin_bcap
+C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_EXTRA_FRAMES = 65536
-"""Maximum number of retries, notices and further replies in all open calls of a conversation together. 65536
-retries, notices and replies take about 30 MB of memory. Beyond the limit, bcapscope evicts the call of the
-latest frame and all earlier calls of the conversation. bcapscope counts a further attempt of an evicted call
-as a new call. The older C client retries without end (start-jsk/denso b-Cap.c). A client that retries every
-20 ms without end reaches the limit within 22 minutes.
+"""Maximum number of retries, notices and further replies in all open calls of a conversation, about 30 MB of
+memory. Beyond the limit, the call of the latest frame and all earlier calls are evicted. The older C client,
+which retries without end (start-jsk/denso b-Cap.c), reaches it within 22 minutes at 20 ms.
 """
 
 FRAME_COST = 512
 """Overhead of a frame in bytes."""
 
 LARGE_CALL = 64 * 1024
-"""`ConversationPairing` drops its reference to the newest call if the call is complete and larger than this
-size in bytes.
-"""
+"""Beyond this size in bytes, `ConversationPairing` drops its reference to a complete newest call."""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
     """Return the time, in ns since 1970, after which an open call without a reply can get no further frame.
 
-    Args:
-        latest_answered: Highest `Call.number` of the answered calls in the conversation.
-        answered_early: Call number and reply time of each call that was answered before an older call,
-            earliest reply first.
+    `latest_answered` is the highest number of an answered call. `answered_early` lists the numbers and reply
+    times of the calls answered before an older call, earliest reply first.
     """
     quiet = call.last_activity
     if call.abandoned_at:
@@ -77,15 +61,11 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 
 
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
-    """Set `no_reply_expected` of all open calls, because their conversation has ended.
+    """Set `no_reply_expected` of all open calls, oldest first, because their conversation has ended.
 
-    Controllers answer in order, so bcapscope expects no reply to a call if a later call has a reply. On UDP,
-    the reply to an older call can come up to `COPIES_WITHIN_NS` after the reply to a newer call. A client
-    that has given up a call accepts no reply to this call. The times between the attempts show when the
-    client gave up the call.
-
-    `open_calls` lists the oldest call first. `now` is the time when the capture ended, ns since 1970; 0 if
-    nothing was captured after the conversation.
+    Controllers answer in order, but on UDP, the reply to an older call can come up to `COPIES_WITHIN_NS`
+    after the reply to a newer call. A client that has given up a call accepts no reply to it. `now` is the
+    time when the capture ended, ns since 1970; 0 if nothing was captured after the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies

@@ -1,8 +1,4 @@
-"""The pipeline that turns observations into events.
-
-Only the pipeline turns observations into calls, handles and changes of slave mode. Commands, screen, proxy,
-rules and statistics subscribe to the pipeline's events.
-"""
+"""The pipeline: the only place that turns observations into calls, handles and changes of slave mode."""
 
 from __future__ import annotations
 
@@ -28,20 +24,15 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return the bound method `method` of each object whose class overrides `method`."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
 
 class PipelineSubscriber:
-    """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs.
+    """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs, and
+    the pipeline computes only these. A frame comes before the calls that it completed.
 
-    Events come in the order of the traffic: a frame comes first, and the calls that this frame completed come
-    after it. The pipeline computes only the events that its subscribers need.
-
-    Attributes:
-        needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
-            the `target` of `on_call` may be None.
+    Without `needs_targets`, the `target` of `on_call` may be None although the handle is known.
     """
 
     needs_targets: ClassVar[bool] = False
@@ -53,9 +44,7 @@ class PipelineSubscriber:
         """Process a completed call. `target` is the object with the call's handle; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber
-        without this method gets the set points one by one through `on_call`.
-        """
+        """Process successive alike set points of one client, which otherwise come through `on_call`."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Process a reply that belongs to no call."""
@@ -64,13 +53,11 @@ class PipelineSubscriber:
         """Process a change of a client's slave mode, after the call that made the change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of an ended conversation. The pipeline has already delivered all calls of the
-        conversation.
-        """
+        """Release the data of an ended conversation, all calls of which were delivered."""
 
 
 class CallCollector(PipelineSubscriber):
-    """Collects completed calls in the list `calls`. Code that reads the list may remove calls from it."""
+    """Collects completed calls. Code that reads `calls` may remove calls from it."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         self.calls: list[Call] = []
@@ -82,11 +69,7 @@ class CallCollector(PipelineSubscriber):
 
 
 class Pipeline:
-    """Turns observations into events for its subscribers, in bounded memory.
-
-    Add observations in capture order. A pipeline uses no clock except the times of the observations (see
-    `Tracker`).
-    """
+    """Turns observations, added in capture order, into events for its subscribers, in bounded memory."""
 
     def __init__(
         self,
@@ -99,13 +82,10 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            handles: Handle tracker that the pipeline updates and the caller reads. If `handles` is None, the
-                pipeline follows handles only for subscribers with `needs_targets`.
-            slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
-                None, the pipeline follows slave mode only for subscribers that override `on_slave_mode`.
-            joiner: Joins conversations that were captured at several places; None if all traffic is from one
-                place.
-            taken_at: Where the capture was taken; None if unknown.
+            handles: Handle tracker that the pipeline updates and the caller reads. If None, the pipeline
+                follows handles only for subscribers with `needs_targets`.
+            slave_mode: The same for slave mode, and for subscribers that override `on_slave_mode`.
+            joiner: Joins conversations that were captured at several places.
         """
         self._tracker = Tracker(taken_at)
         self._runs: dict[Conversation, AlikeSetPoints] = {}
@@ -127,7 +107,6 @@ class Pipeline:
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether there are open calls that `expire` could complete."""
         return bool(self._tracker.open_calls)
 
     def expire(self, now: int) -> None:
@@ -149,11 +128,7 @@ class Pipeline:
             self._slave_mode.close_conversation(conversation)
 
     def finish(self, ended_at: int = 0) -> None:
-        """Complete all open calls, because the traffic has ended.
-
-        `ended_at` is the time when the traffic ended, ns since 1970; 0 if the traffic ended with the last
-        observation.
-        """
+        """Complete all open calls at the time `ended_at`, ns since 1970; 0 for the last observation."""
         if self._joiner is not None:
             self.add_joined(self._joiner.close())
         if ended_at:
@@ -161,9 +136,7 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation: a closure, which takes a tenth less time than a
-        method.
-        """
+        """Return the function that adds an observation: a closure, a tenth faster than a method."""
         observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
 
         def add(observation: Observation) -> None:

@@ -5,17 +5,12 @@ from __future__ import annotations
 from typing import Generic, TypeVar
 
 MAX_SERIALS = 1024
-"""`RecentSerials` remembers at least this many of the latest serials, and at most twice as many. A thousand
-requests are enough to match a reply that is a second late, even if the client sends a set point every
-millisecond.
-"""
+"""Minimum number of remembered serials: at a set point every millisecond, those of one second."""
 
 Value = TypeVar("Value")
 
 
 class RecentSerials(Generic[Value]):
-    """Values of the latest serials."""
-
     __slots__ = ("_earlier", "_latest")
 
     def __init__(self) -> None:
@@ -23,11 +18,10 @@ class RecentSerials(Generic[Value]):
         self._earlier: dict[int, Value] = {}
 
     def get(self, serial: int) -> Value | None:
-        """Return the latest value with this serial; None if none is remembered."""
         return self._latest.get(serial) or self._earlier.get(serial)
 
     def put(self, serial: int, value: Value) -> None:
-        """Remember a value, which must be truthy. When the table is full, forget the oldest serials."""
+        """Remember a value, which must be truthy."""
         latest = self._latest
         latest[serial] = value
         if len(latest) >= MAX_SERIALS:

@@ -7,19 +7,16 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import handle_of
 
 FEWEST_CALLS = 8
-"""This number of calls in quick succession proves that the client receives replies."""
 
 LONGEST_STEP_NS = 500_000_000
-"""Maximum time in ns between two calls in quick succession. A client that gets no reply waits for its
-timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py.
+"""Maximum time in ns between two calls in quick succession. Without a reply, clients wait for their timeout:
+1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py.
 """
 
 
 class RequestsOnlyEvidence:
-    """Finds out from a client's requests whether the client received replies, although no reply was captured.
-
-    A client that uses a handle has received the reply with this handle. Several calls in quick succession
-    without a retry prove that the client received replies.
+    """Finds out from a client's requests whether it received replies, although no reply was captured: it uses
+    the handle of an object that it opened, or calls often in quick succession without a retry.
     """
 
     def __init__(self) -> None:
@@ -30,9 +27,6 @@ class RequestsOnlyEvidence:
         self._latest_call: Call | None = None
 
     def add_call(self, call: Call) -> None:
-        """Add a call when its request is captured. Set `is_proven` if the call proves that the client
-        receives replies.
-        """
         if self.is_proven:
             return
         before, self._latest_call = self._latest_call, call

@@ -16,38 +16,25 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the usage of the reserved field, updated with the evidence from a request on TCP. If the
-        serial is 1, a 1 in the reserved field may be the protocol version or the serial.
-        """
+        """Evaluate a request on TCP. With serial 1, a 1 in the reserved field may be the protocol version."""
         if reserved == serial == 1:
             return self
-        if reserved in (0, 1):
-            return self._replace(convention=ReservedConvention.TCP1 if reserved else ReservedConvention.TCP0)
-        return self._replace(
-            convention=ReservedConvention.OWN if reserved == serial else ReservedConvention.UNKNOWN
-        )
+        known = {serial: ReservedConvention.OWN, 0: ReservedConvention.TCP0, 1: ReservedConvention.TCP1}
+        return self._replace(convention=known.get(reserved, ReservedConvention.UNKNOWN))
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Return the usage of the reserved field, updated with the evidence from a first attempt on UDP. The
-        reserved field of a first attempt holds 0 or the attempt's own serial.
-        """
+        """Evaluate a first attempt on UDP, whose reserved field holds 0 or the attempt's own serial."""
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
-        return (
-            self._replace(convention=ReservedConvention.UNKNOWN)
-            if self.convention is ReservedConvention.OWN
-            else self
-        )
+        if self.convention is ReservedConvention.OWN:
+            return self._replace(convention=ReservedConvention.UNKNOWN)
+        return self
 
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool
     ) -> ReservedFieldUsage:
-        """Return the usage of the reserved field, updated with the evidence from a retry.
-
-        Args:
-            origin: Serial of the call's first attempt, whether the first attempt was captured or not.
-            previous: Serial of the call's previous attempt.
-            starts_with_zero: Whether the first attempt of the client's latest call has 0 in reserved.
+        """Evaluate a retry, from the serials of the call's first attempt, captured or not, and of its
+        previous attempt, and from whether the client's latest first attempt has 0 in reserved.
         """
         if origin == previous or reserved not in (origin, previous):
             return self
@@ -58,9 +45,6 @@ class ReservedFieldUsage(NamedTuple):
         return self._replace(convention=ReservedConvention.SEED)
 
     def after_reply(self, request_reserved: int, reply_reserved: int) -> ReservedFieldUsage:
-        """Return the usage of the reserved field, updated with the evidence from a reply. `request_reserved`
-        is the reserved field of the answered request.
-        """
         if request_reserved == 0 or reply_reserved not in (0, request_reserved):
             return self
         return self._replace(reply_reserved=ReplyReserved.ECHOED if reply_reserved else ReplyReserved.ZERO)

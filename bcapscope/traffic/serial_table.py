@@ -7,18 +7,15 @@ from bcapscope.traffic.recent_serials import RecentSerials
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials. `MAX_REUSED` also limits how many TCP calls with the same serial wait for
-a reply.
-"""
+"""Maximum number of reused serials, and of TCP calls with the same serial that wait for a reply."""
 
 
 class SerialTable:
     """The serials of open calls, and of recently completed calls.
 
     Attributes:
-        open_calls: Maps the serial of each attempt to its open call.
         reused: For each reused serial of a TCP client, the earlier calls that still wait for a reply, oldest
-            first. A complete call is listed only by its `Call.number`.
+            first; a complete call only as its `Call.number`.
     """
 
     def __init__(self) -> None:
@@ -27,9 +24,7 @@ class SerialTable:
         self._settled: RecentSerials[int] = RecentSerials()
 
     def settled_call(self, serial: int) -> int | None:
-        """Return `Call.number` of the latest complete call with this serial; None if the table has no such
-        call.
-        """
+        """Return `Call.number` of the latest complete call with this serial."""
         return self._settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
@@ -40,15 +35,12 @@ class SerialTable:
             self.open_calls[serial] = call
 
     def release_all(self, call: Call) -> None:
-        """Remove all serials of a call from `open_calls`, including the serial in the reserved field of its
-        request.
-        """
+        """Remove all serials of a call, including the serial in the reserved field of its request."""
         reserved = call.request.item.reserved
         for serial in {*call.serials, *call.unseen_serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)
 
     def release(self, serial: int, call: Call) -> None:
-        """Remove a serial from `open_calls`, because `call` gets no more frames."""
         if self.open_calls.get(serial) is call:
             del self.open_calls[serial]
         self._settled.put(serial, call.number)
@@ -57,10 +49,9 @@ class SerialTable:
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def queue_reused(self, serial: int) -> None:
-        """Before a new request reuses a serial, add the open call with this serial to a queue.
-
-        TCP keeps the order of the frames, so the reply to the queued call comes before the reply to the new
-        request. The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
+        """Before a new request reuses a serial, queue the open call with this serial. TCP keeps the order of
+        the frames, so its reply comes before the reply to the new request. The Python client reuses its
+        serial after a timeout (orin_bcap Python bcapclient.py).
         """
         prior = self.open_calls.get(serial)
         if prior is None or prior.reply is not None or prior.late_replies:
@@ -72,9 +63,7 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call in the queue of a reused serial, or the `Call.number` if the oldest call is
-        complete. If `is_answered` is True, remove the oldest call from the queue.
-        """
+        """Return the oldest call, or the number of a complete one, and remove it if `is_answered`."""
         queue = self.reused[serial]
         oldest = queue[0]
         if is_answered:

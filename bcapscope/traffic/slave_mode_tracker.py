@@ -22,7 +22,7 @@ from bcapscope.traffic.handle_tracker import handle_of
 from bcapscope.traffic.observation import Conversation
 
 SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
-"""Result codes with which a controller refuses a command that needs slave mode, because slave mode is off."""
+"""Result codes with which a controller refuses a command because slave mode is off."""
 
 _ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
 _SESSION_BOUNDARIES = frozenset(
@@ -31,30 +31,24 @@ _SESSION_BOUNDARIES = frozenset(
 
 
 class SlaveModeEffect(Enum):
-    """Effect of a call on slave mode, or what the call shows about slave mode."""
-
     SET_POINT = "set point"
-    """The call is a set point. The controller accepted the set point, the controller's buffer was full, or
-    the capture lacks a reply.
-    """
+    """An accepted or unanswered set point, or one that came while the controller's buffer was full."""
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point that the controller refused for another reason than a full buffer or inactive
-    slave mode.
-    """
+    """A set point refused for another reason than a full buffer or inactive slave mode."""
     FOUND_OFF = "found off"
-    """The call is a set point. The controller refused the set point because slave mode is off."""
+    """A set point refused because slave mode is off."""
     MODE_CHANGED = "mode changed"
-    """The call is a slvChangeMode that the controller did not refuse."""
+    """A slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """The call begins or ends a client's session, and the controller did not refuse the call."""
+    """A call, not refused, that begins or ends a client's session."""
     ROBOT_RELEASED = "robot released"
-    """The call releases a robot, and the controller did not refuse the call."""
+    """A call, not refused, that releases a robot."""
     ERROR = "error"
-    """The call is not a set point, and failed with an error that switches slave mode off."""
+    """Any other call that failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return the effect of a call on slave mode, or what the call shows about slave mode; None if neither."""
+    """Return the effect of a call on slave mode, or what it shows about slave mode; None if neither."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -75,7 +69,6 @@ def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
 
 
 def is_set_point(call_kind: CallKind) -> bool:
-    """Return whether calls of this kind are set points (slvMove)."""
     function_id, command = call_kind
     return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
 
@@ -90,11 +83,7 @@ def requested_mode(call: Call) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeChange:
-    """A change of a client's slave mode, and the call that made the change.
-
-    Attributes:
-        mode: Number of the slave mode after the call, 0 for off; None if the call's arguments do not show it.
-    """
+    """A change of a client's slave mode, and the call that made it. `mode` is 0 for off, None if unknown."""
 
     call: Call
     effect: SlaveModeEffect
@@ -102,12 +91,7 @@ class SlaveModeChange:
 
 
 class OpenSlaveMode(NamedTuple):
-    """Slave mode of one client, as far as its calls show.
-
-    Attributes:
-        mode: Number of the slave mode, 0 for off; None if unknown.
-        robots: Handles of the robots that the client has switched to slave mode and has not switched back.
-    """
+    """A client's slave mode: 0 for off, None if unknown. `robots` are the handles in slave mode."""
 
     mode: int | None = None
     robots: tuple[int, ...] = ()
@@ -115,8 +99,6 @@ class OpenSlaveMode(NamedTuple):
 
 
 class SlaveModeTracker:
-    """Follows the slave mode of all clients from their completed calls."""
-
     def __init__(self) -> None:
         self._clients: dict[Conversation, OpenSlaveMode] = {}
 
@@ -145,15 +127,12 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the conversations of the clients in slave mode, except clients whose latest set point was
-        refused.
-        """
+        """Yield the conversations in slave mode, except those whose latest set point was refused."""
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:
                 yield conversation
 
     def close_conversation(self, conversation: Conversation) -> OpenSlaveMode:
-        """Drop a client that has disconnected, and return its slave mode at that time."""
         return self._clients.pop(conversation, _NOTHING_KNOWN)
 
     def _keep(self, conversation: Conversation, known: OpenSlaveMode) -> None:
@@ -167,7 +146,7 @@ _NOTHING_KNOWN = OpenSlaveMode()
 
 
 def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenSlaveMode | None:
-    """Return the client's slave mode after an answered call; None if the call does not change slave mode."""
+    """Return the client's slave mode after an answered call; None if it stays."""
     handle = handle_of(call.request.item)
     others = tuple(robot for robot in known.robots if robot != handle)
     if effect is SlaveModeEffect.MODE_CHANGED:

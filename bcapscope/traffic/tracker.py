@@ -15,19 +15,14 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
-limit, the conversation with the most open calls loses the older half of its open calls. Four clients reach
-the limit if each client sends a set point every 2 ms and gets no replies.
-"""
+"""Maximum number of open calls, about 10 MB. Beyond it, the conversation with most loses its older half."""
 
 MAX_BYTES = 32 * 1024 * 1024
 """Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the conversation with
-the largest calls loses the older half of its open calls. One call with the largest possible request and reply
-stays within this limit.
+the largest calls loses the older half of them. The largest possible call stays within the limit.
 """
 
-SWEEP_NS = 50_000_000
-"""Time in ns from one search for settled calls to the next. The observations' times are the clock."""
+SWEEP_NS = 50_000_000  # time between two searches for settled calls
 
 _REQUEST = Direction.REQUEST
 
@@ -36,19 +31,14 @@ class Tracker:
     """Groups requests, retries, notices and replies into calls, in bounded memory.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
-    this order. The tracker returns a call when this call and all earlier calls of the conversation are
-    complete. Calls of one conversation do not wait for calls of another conversation.
+    this order: a call when it and all earlier calls of the conversation are complete. Beyond the memory
+    limits, it also returns (evicts) calls to which a reply may still follow.
 
-    The returned calls depend only on the observations that were added so far. A truncated capture gives the
-    same calls as the whole capture, except for the calls that are open when the truncated capture ends.
-    Beyond the memory limits, the tracker also returns (evicts) calls to which a reply may still follow.
-
-    The tracker uses no clock except the times of the observations. The caller adds observations in capture
-    order. Their times normally increase.
+    The calls depend only on the observations so far, whose times are the only clock. A truncated capture
+    gives the same calls as the whole capture, except those that are open when it ends.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Start without calls. `taken_at` is the capture point; None if unknown."""
         self._taken_at = taken_at
         self._pairings: dict[Conversation, ConversationPairing] = {}
         self._current_conversation: Conversation | None = None
@@ -64,15 +54,11 @@ class Tracker:
 
     @property
     def open_calls(self) -> list[Call]:
-        """Open calls of all conversations, in starting order."""
         waiting = (call for pairing in self._pairings.values() for call in pairing.open_calls)
         return sorted(waiting, key=attrgetter("number"))
 
     def observe(self, observation: Observation) -> Sequence[PairingResult]:
-        """Add the next observation; return the calls that are now complete, and the stray reply, if any.
-
-        Bytes that are no frame belong to no call.
-        """
+        """Add the next observation; return the calls that are now complete, and the stray reply, if any."""
         flow, item, time = observation.flow, observation.item, observation.time
         if time >= self._next_sweep_at or time < self._swept_at:
             self._settle_expired(time)
@@ -95,16 +81,13 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def observe_joined(self, observation: JoinedObservation) -> Sequence[PairingResult]:
-        """Add the next observation of a conversation that was captured at two places (see `observe`).
-
-        A reply that was captured only at the controller's side is a lost reply of its call. Requests that a
-        proxy made on its own, and the replies to them, belong to no call of the client.
+        """Add the next observation of a conversation that was captured at two places. A reply only at the
+        controller's side is lost. Requests that a proxy made, and the replies to them, belong to no call.
         """
         item = observation.item
         is_own = observation.was_made_between and observation.is_request
-        if not isinstance(item, Frame) or not (is_own or observation.was_lost_between):
-            return self.observe(observation)
-        if not is_own and observation.is_request:
+        is_lost_reply = observation.was_lost_between and not observation.is_request
+        if not isinstance(item, Frame) or not (is_own or is_lost_reply):
             return self.observe(observation)
         if observation.flow.conversation is not self._current_conversation:
             self._select_pairing(observation.flow.conversation)
@@ -153,7 +136,6 @@ class Tracker:
         self._swept_at, self._next_sweep_at = now, now + SWEEP_NS
 
     def _evict_half(self, size: Callable[[ConversationPairing], int]) -> None:
-        """Find the conversation with the highest `size`, and evict the older half of its open calls."""
         largest = max(self._pairings.values(), key=size)
         self._collect(largest.evict_oldest((len(largest.open_calls) + 1) // 2))
 

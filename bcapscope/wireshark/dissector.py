@@ -132,10 +132,10 @@ def _functions() -> dict[str, object]:
 def _results() -> dict[str, object]:
     return {
         "RESULTS": {
-            info.code: [hresult.hresult_name(info.code), info.text] for info in hresult.listed_results()
+            code: [hresult.hresult_name(code), info.text] for code, info in hresult.LISTED_RESULTS.items()
         },
-        "RESULT_RANGES": [list(each) for each in hresult.result_ranges()],
-        "RC7_RESULTS": {low: info.text for low, info in hresult.rc7_results().items()},
+        "RESULT_RANGES": [[first, last, row["text"]] for first, last, row in hresult.RESULT_RANGES],
+        "RC7_RESULTS": {low: info.text for low, info in hresult.RC7_RESULTS.items()},
     }
 
 

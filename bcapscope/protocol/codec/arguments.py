@@ -23,21 +23,16 @@ SMALLEST_ARGUMENT = 10
 """Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""The decoder reads at most this many elements from the number arrays of one frame. The limit does not apply
-to a UI1 array, because the decoder reads its bytes as one value. Frames of real sessions hold fewer than a
-thousand elements. Wireshark has a similar limit: 1,000,000 items per packet (gui.max_tree_items).
-"""
+"""Maximum number of elements to read from the number arrays, except UI1 arrays, of one frame."""
 
 MAX_VALUES = 2_048
-"""Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. Reading an
-item takes about 2 µs and 200 bytes. A malicious frame with `MAX_VALUES` items delays a proxy by only about
-5 ms. When the limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules.
-The longest lists in known sessions hold a few hundred names.
+"""Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. The
+longest lists in known sessions hold a few hundred names. When the limit was 8,192, a flood of malicious
+frames delayed Robot_Halt by 3 s in a proxy with rules.
 """
 
 MAX_PROBLEMS = 100
-"""Maximum number of problems to list for one frame. A malicious frame can contain one problem per seven
-bytes."""
+"""Maximum number of problems to list; a malicious frame can contain one problem per seven bytes."""
 
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
@@ -72,10 +67,8 @@ class Argument(NamedTuple):
 
 
 class NumberSpan(NamedTuple):
-    """Adjacent numbers in a frame. `start` is the offset of the first number. `code` is the struct format of
-    each number. `repeat` says how many numbers are adjacent.
-
-    For the data of a UI1 array, `code` is ``s`` and `repeat` is the number of bytes.
+    """`repeat` adjacent numbers of the struct format `code`. `start` is the offset of the first number. The
+    data of a UI1 array has the code ``s``, and `repeat` is its number of bytes.
     """
 
     start: int
@@ -87,18 +80,13 @@ class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
-    C#, Java and Python) ignore an argument's length field. The reader only reports a length field that
-    disagrees with its value. If a value has no recognisable end, the reader reads this value a second time,
-    up to the end that its length field gives. After one value without a recognisable end, the reader reads no
-    later value beyond the end that its length field gives. The older C client trusts every length field. Two
-    values never share a byte, and the reader reads each byte at most twice.
+    C#, Java and Python) ignore an argument's length field, so the reader only reports a length field that
+    disagrees with its value. The first value without a recognisable end is read a second time, up to the end
+    that its length field gives. From there on, every length field limits its value. Two values never share a
+    byte, and the reader reads each byte at most twice.
 
-    Attributes:
-        arguments: Arguments read so far; the last one may be partial.
-        problems: Violations of b-CAP found so far, in the order of their offsets.
-        number_spans: Positions of the numbers in the arguments read so far.
-        pos: Offset of the first unread byte.
-        is_complete: Whether the reader found the start of every argument; values may still be truncated.
+    The last one of the `arguments` may be partial. `is_complete` says that the start of every argument was
+    found.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:

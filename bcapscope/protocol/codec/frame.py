@@ -57,9 +57,7 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Size in bytes of the largest frame over UDP or a serial line (orin_bcap C/include/dn_udp.h). Over UDP,
-`Requester` refuses to send a longer frame.
-"""
+"""Size in bytes of the largest frame over UDP or a serial line (orin_bcap C/include/dn_udp.h)."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -73,13 +71,7 @@ _LONGEST_PACKED_ROW = 64
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are not a frame, or a hole where bytes of a stream are missing.
-
-    Attributes:
-        raw: The bytes that belong to no frame; empty for a hole.
-        problems: Reasons why the bytes are not a frame.
-        missing: Number of bytes that are missing at a hole; 0 for bytes that are not a frame.
-    """
+    """Bytes that are not a frame, or a hole where `missing` bytes of a stream are missing."""
 
     raw: bytes
     problems: tuple[Problem, ...]
@@ -222,12 +214,8 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 def parse_captured_datagram(
     raw: bytes, templates: FrameTemplates | None = None
 ) -> tuple[Frame | Malformed, ...]:
-    """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to this
-    frame.
-
-    A valid datagram holds exactly one frame. DENSO's C server and client compare the frame's length field
-    with the number of received bytes. If the length field does not match the size of the datagram, the C
-    server stops its UDP service (orin_bcap C/src/bCAPServer/bcap_server.c).
+    """Split a captured datagram into its frames. Bytes after the first frame are a problem of this frame:
+    DENSO's C server then stops its UDP service (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -289,9 +277,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Encode a frame quickly if its only argument is a short array of numbers, as in a reply to slvMove.
-    Return None if `row` is not a short array of numbers.
-    """
+    """Encode a frame if its only argument is a short array of numbers, as in a reply to slvMove."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS

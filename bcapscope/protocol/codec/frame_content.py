@@ -18,15 +18,10 @@ HEADER_SIZE = 15
 SMALLEST_FRAME = 16
 
 LARGEST_FRAME = 16 * 1024 * 1024
-"""Largest frame in bytes. The older C client has this limit for TCP (b-Cap.h); the present libraries have no
-limit.
-"""
+"""Largest frame in bytes: the limit of the older C client for TCP (b-Cap.h). Newer libraries have none."""
 
 LARGEST_UNPACKED = 256 * 1024
-"""Maximum size, in bytes, of an unpacked body. Frames of real sessions are below 10 KiB. Without a limit, a
-malicious client could fill the memory: a zlib stream of 16 KiB can unpack to 16 MiB, and thousands of such
-frames can arrive per second.
-"""
+"""Maximum size in bytes of an unpacked body. A malicious zlib stream of 16 KiB could unpack to 16 MiB."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -50,15 +45,9 @@ class Framing(Enum):
 
 
 class FrameContent:
-    """The decoded content of a frame that has at least a header; decoding never raises.
-
-    Attributes:
-        body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
-            bytes; the first nine bytes and EOT stay the same.
-        code: Function id or HRESULT.
-        arguments: Arguments that the decoder could read; their positions are offsets in `body`.
-        problems: Violations of b-CAP, in the order of their offsets in `body`.
-        number_spans: Where the numbers of all arguments are in `body`.
+    """The decoded content of a frame that has at least a header; decoding never raises. In a compressed
+    frame, the unpacked content replaces the compressed bytes in `body`; the first nine bytes and EOT stay the
+    same. Arguments and problems hold offsets in `body`.
     """
 
     def __init__(self, raw: bytes) -> None:
@@ -113,27 +102,24 @@ class FrameContent:
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether the frame at `pos` looks like a compressed version 1 frame: its reserved field is 1, and
-    a zlib header is at the offset where a compressed body begins. An uncompressed frame looks like a
-    compressed frame only if it has 376 arguments or more.
+    """Return whether the frame at `pos` looks like a compressed version 1 frame. An uncompressed frame looks
+    like one only if it has 376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16 of a serial-line frame.
+    """Return the CRC-16 of a serial-line frame, over the bytes from the length field to the last argument.
 
-    The CRC has the polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, and no
-    final inversion (orin_bcap C/src/bcap_common.c and the Java client). In a frame, the CRC covers the bytes
-    from the length field to the last argument. The CRC is stored low byte first, directly before EOT.
+    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion
+    (orin_bcap C/src/bcap_common.c and the Java client). The frame holds it low byte first, before EOT.
     """
     return crc_hqx(data, 0xFFFF)
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a frame at `pos` has a zlib header at the offset where a compressed body begins. The TCP
-    client of keioku/bcap-python unpacks every frame that has such a zlib header, even if its reserved field
-    is not 1.
+    """Return whether a frame at `pos` has a zlib header where a compressed body begins. The TCP client of
+    keioku/bcap-python unpacks every such frame, even if its reserved field is not 1.
     """
     return (
         data[pos + _ZLIB_BODY] & 0x8F == 8

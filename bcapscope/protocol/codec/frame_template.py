@@ -1,11 +1,4 @@
-"""Templates: the parts that similar frames share. With a template, only the first of a million set points is
-decoded in full.
-
-Robot traffic is repetitive. Two set points of a slave-mode session differ only in the serial, the reserved
-field and the numbers inside their arguments. If a frame has several arguments, the first argument is a
-handle. Frames with different handles have different templates. A session uses only a few handles, so the
-number of templates stays small.
-"""
+"""Templates: parts that similar frames share. Only the first of a million set points is decoded in full."""
 
 from __future__ import annotations
 
@@ -23,26 +16,20 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template with one numeric argument: values before the numeric argument, function that inserts numbers
-into the numeric argument, value of the numeric argument in the template, values after the numeric argument.
-"""
+"""For a template with one numeric argument: values before it, its filler, its value, values after it."""
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates of a `FrameTemplates` object. At this limit, `FrameTemplates` forgets all its
-templates, and learns templates again.
-"""
+"""Maximum number of templates. At this limit, `FrameTemplates` forgets all templates and learns again."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""
 
 
 class _FrameShape:
-    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field. All
-    bytes except numbers, serial and reserved field identify the template of a frame.
-    """
+    """Positions of the bytes that may vary between frames of one length: numbers, serial, reserved field."""
 
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
         self.size = size
@@ -66,18 +53,16 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """Holds the parts that similar frames share. bcapscope learns each template from one valid frame, the
-    original, which was decoded in full.
+    """The parts that similar frames share, learned from one valid frame, the original.
 
-    A frame matches the template if only its serial, reserved field and numbers in arguments differ from the
-    original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
+    A frame matches the template if only its serial, reserved field and numbers, except a handle, differ from
+    the original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
-        fixed_parts: Function that takes the bytes of a frame, and returns the parts that all matching frames
-            share.
+        fixed_parts: Returns, from the bytes of a frame, the parts that all matching frames share.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
@@ -98,12 +83,12 @@ class FrameTemplate:
                 begin += taken
         if len(self._fill_plan) == 1:
             place, _, _, fill = self._fill_plan[0]
-            self._single_fill = (
+            before, variant, after = (
                 self._variants[:place],
-                fill,
                 self._variants[place],
                 self._variants[place + 1 :],
             )
+            self._single_fill = (before, fill, variant, after)
 
     @classmethod
     def learn(cls, content: FrameContent) -> FrameTemplate | None:
@@ -114,18 +99,13 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame that matches this template. `numbers` are the numbers in the
-        frame's arguments, in order.
-        """
+        """Return the arguments of a matching frame that holds these numbers, in order."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Do the same as `fill_arguments`, but return only the values of the arguments, without their
-        positions.
-        """
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -138,10 +118,7 @@ class FrameTemplate:
 
 
 class FrameTemplates:
-    """Decodes frames, and learns templates from these frames. The templates need only bounded memory.
-
-    Decoding is fast if all frames of one capture or connection share one `FrameTemplates` object.
-    """
+    """Decodes frames, and learns templates from them in bounded memory, for one capture or connection."""
 
     def __init__(self) -> None:
         self._shapes: dict[int, tuple[_FrameShape, ...]] = {}
@@ -149,10 +126,8 @@ class FrameTemplates:
         self._recent: tuple[FrameContent, ...] = ()
 
     def decode(self, raw: bytes) -> DecodedFrame:
-        """Return a frame's template and numbers. If the frame has no template, return its decoded content.
-
-        A frame has no template if it has problems, is longer than `LARGEST_TEMPLATE_FRAME`, or is not
-        `Framing.PLAIN`.
+        """Return a frame's template and numbers. If the frame has problems, is longer than
+        `LARGEST_TEMPLATE_FRAME`, or is not `Framing.PLAIN`, return its decoded content.
         """
         for shape in self._shapes.get(len(raw), ()):
             template = shape.find_template(shape.fixed_parts(raw))
@@ -161,11 +136,7 @@ class FrameTemplates:
         return self._decode_in_full(raw)
 
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
-        """Decode a frame that matches no template, and learn a template from the frame if possible.
-
-        Programs often decode the same `raw` object several times in a row. `_recent` caches the last two
-        frames without a template, which are usually a request and its reply.
-        """
+        """Programs decode the same `raw` object several times, so `_recent` keeps a request and its reply."""
         for content in self._recent:
             if content.raw is raw:
                 return content
@@ -211,22 +182,17 @@ def number_count(variant: Variant) -> int:
     value = variant.value
     if base == VT.VARIANT and isinstance(value, tuple):
         return sum(number_count(item) for item in value if isinstance(item, Variant))
-    if base not in NUMBER_FORMATS or base == VT.BOOL:
+    if base not in NUMBER_FORMATS or base == VT.BOOL or value is None:
         return 0
-    if value is None:
-        return 0
-    if isinstance(value, bytes):
-        return 1 if value else 0
-    return len(value) if isinstance(value, tuple) else 1
+    return len(value) if isinstance(value, tuple) else int(value != b"")
 
 
 def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
-    taken = zip(arguments, number_counts(arguments), strict=True)
-    return tuple(number for argument, count in taken if count for number in iter_numbers(argument.variant))
+    varying = arguments[1:] if len(arguments) > 1 else arguments
+    return tuple(number for argument in varying for number in iter_numbers(argument.variant))
 
 
 def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
-    """Yield the numbers of a value in the order of the frame."""
     value = variant.value
     if number_count(variant) == 0:
         return
@@ -261,11 +227,11 @@ def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_nested(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:
     value = variant.value
+    if variant.vt == ARRAY | VT.VARIANT and isinstance(value, tuple):
+        nested = tuple(_fill_nested(item, numbers) for item in value if isinstance(item, Variant))
+        return variant._replace(value=nested)
     if number_count(variant) == 0:
         return variant
     if not isinstance(value, tuple):
         return variant._replace(value=next(numbers))
-    if variant.vt == ARRAY | VT.VARIANT:
-        nested = tuple(_fill_nested(item, numbers) for item in value if isinstance(item, Variant))
-        return variant._replace(value=nested)
     return variant._replace(value=tuple(next(numbers) for _ in value))

@@ -1,5 +1,4 @@
-"""Split a byte stream into frames, and find the next frame after garbage. The stream may arrive in segments
-of any size."""
+"""Split a byte stream into frames, and find the next frame after garbage."""
 
 from __future__ import annotations
 
@@ -22,27 +21,24 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Maximum length in bytes of a frame if its arguments do not end where its length field says. Frames of real
-sessions are below 10 KiB. With this limit, a corrupted length field delays at most 64 KiB of the stream
-instead of the whole stream.
+"""Maximum length in bytes of a frame if its arguments do not end where its length field says. With this
+limit, a corrupted length field delays at most 64 KiB of the stream. Real frames are below 10 KiB.
 """
 
 LARGEST_GARBAGE = 64 * 1024
 """Maximum size in bytes of a piece of garbage: bytes that belong to no frame."""
 
 GUARANTEED_BUFFER = 16 * 1024
-"""Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB. The splitter can therefore complete every frame of a real session, even if
-other connections use up the shared budget.
+"""Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded, so that
+other connections cannot stop the frames of a real session, which are below 10 KiB.
 """
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
 """Reason that the splitter reports for an incomplete frame at the end of a stream."""
 
 MAX_RESYNC_ARGUMENTS = 64
-"""After garbage, the splitter accepts only a frame with at most this number of arguments. No request has more
-than four arguments, and no reply more than one. Without the limit, malicious garbage could make the splitter
-examine the same bytes many times.
+"""After garbage, the splitter accepts only a frame with at most this number of arguments. Without the limit,
+malicious garbage could make it examine the same bytes many times. Real frames have at most four.
 """
 
 _TAILS = (1, 2, 3)
@@ -50,13 +46,7 @@ _TAILS = (1, 2, 3)
 
 
 class StreamPiece(NamedTuple):
-    """A frame of a byte stream, or bytes between frames.
-
-    Attributes:
-        start: Offset of the piece's first byte in the stream. Offsets also count the bytes that are missing
-            from the stream.
-        stop: Offset after the piece's last byte.
-    """
+    """A frame, or bytes between frames. `start` and `stop` are offsets that also count missing bytes."""
 
     start: int
     stop: int
@@ -75,14 +65,12 @@ class _Trust(Enum):
 
 
 class StreamSplitter:
-    """Splits a stream into frames and garbage. The result does not depend on how the stream is divided into
-    segments.
+    """Splits a stream into frames and garbage. How the stream is divided into segments does not matter.
 
-    The splitter returns every byte of the stream in exactly one piece, in order. The largest of `limit`,
-    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` is the maximum number of bytes that the splitter holds.
-    Several splitters can share a budget: together they hold no more than the budget, plus `GUARANTEED_BUFFER`
-    for each splitter. If the shared budget is exceeded, a splitter does not complete frames longer than
-    `GUARANTEED_BUFFER`, but returns the part that has arrived.
+    Every byte of the stream is in exactly one piece, in order. A splitter holds at most as many bytes as the
+    largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED`. Splitters with a shared budget together
+    hold no more than the budget, plus `GUARANTEED_BUFFER` for each. If the budget is exceeded, a splitter
+    returns the part of a frame longer than `GUARANTEED_BUFFER` that has arrived.
     """
 
     def __init__(
@@ -92,11 +80,8 @@ class StreamSplitter:
         budget: ByteBudget | None = None,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream; `synchronized` is False if the first bytes of the stream are missing.
-
-        `limit` is the size in bytes of the longest frame for which the splitter waits. All splitters with the
-        same `budget` together hold no more bytes than the budget allows. The splitter passes `templates` to
-        every frame.
+        """Start a stream, without its first bytes if not `synchronized`. The splitter waits for frames of at
+        most `limit` bytes.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -126,21 +111,14 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """If `data` is exactly one frame, do the same as `feed`, but faster. Most segments of a stream hold
-        exactly one frame.
-
-        If `data` is not exactly one frame, return None and consume nothing. The caller then passes `data` to
-        `feed`.
-        """
+        """Do the same as `feed`, but faster, if `data` is one frame. Otherwise, consume nothing."""
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
         self._stream_offset += len(data)
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Continue after a gap of `missing` bytes. Return the unfinished bytes, then a piece that stands for
-        the missing bytes.
-        """
+        """Return the unfinished bytes, then a piece that stands for the `missing` bytes."""
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)
@@ -205,9 +183,8 @@ class StreamSplitter:
         return self._resynchronize(final)
 
     def _frame_ends_at(self, length: int, trust: _Trust, final: bool) -> bool | None:
-        """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed.
-
-        A last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
+        """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed. A
+        last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
         """
         buffer = self._buffer
         if len(buffer) < length:
@@ -267,11 +244,8 @@ class StreamSplitter:
         return (_Trust.UNCONFIRMED if length <= LARGEST_UNCONFIRMED else _Trust.NONE), length
 
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
-        """Follow the length fields of the arguments and return the offset after the last argument; None if
-        more bytes are needed, and 0 if a length field is impossible.
-
-        Each call continues where the previous call stopped, so that no argument is examined twice if a long
-        frame arrives in small segments.
+        """Return the offset after the last argument; None if more bytes are needed, 0 if a length field is
+        impossible. Each call continues where the previous call stopped.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:
@@ -292,7 +266,6 @@ class StreamSplitter:
 
 
 def _is_one_frame(data: bytes) -> bool:
-    """Return whether SOH, EOT and the length field show that `data` is exactly one frame."""
     return (
         len(data) >= SMALLEST_FRAME
         and data[0] == SOH

@@ -69,14 +69,11 @@ NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
 """Array types whose values are tuples of numbers."""
 
 MAX_NESTING = 32
-"""Maximum depth of nested VARIANT arrays. Controllers nest arrays two deep, such as a pose in a list of
-arguments. The limit prevents a malicious frame from exhausting the interpreter's stack.
-"""
+"""Maximum depth of nested VARIANT arrays, so that no frame exhausts the stack. Controllers nest two deep."""
 
 CY_SCALE = 10_000
-"""COM stores a CY value as a count of ten-thousandths, so 1.0 is stored as 10,000. DENSO's libraries do not
-scale CY values. `Variant` therefore holds the raw value, and bcapscope displays the scaled value beside the
-raw value.
+"""COM stores a CY value as a count of ten-thousandths, so 1.0 is stored as 10,000. `Variant` holds the raw
+value, because DENSO's libraries do not scale CY values.
 """
 
 Value: TypeAlias = "bool | int | float | str | bytes | tuple[Value, ...] | tuple[Variant, ...] | None"
@@ -112,9 +109,7 @@ EMPTY = Variant(VT.EMPTY, None)
 
 
 def vt_name(vt: int) -> str:
-    """Return the name of a type, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``. A number that is not a type of
-    b-CAP has a name such as ``VT_0x0009``.
-    """
+    """Return the name of a type: ``VT_I4``, ``VT_R8|VT_ARRAY``, or ``VT_0x0009`` for an unknown type."""
     base = _NAMES.get(vt & ~ARRAY) or f"VT_0x{vt & ~ARRAY:04X}"
     return f"{base}|VT_ARRAY" if vt & ARRAY else base
 
@@ -122,9 +117,8 @@ def vt_name(vt: int) -> str:
 def integer_value(variant: Variant) -> int | None:
     """Return the whole number in a value, such as slvChangeMode's parameter or slvGetMode's result.
 
-    Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples) and whole floating-point
-    numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. Returns None if the
-    value is not a whole number in one of these forms.
+    Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples), whole floating-point
+    numbers, and decimal text of up to 9 digits, which the ANSI-C client sends. None for other values.
     """
     value = variant.value
     if isinstance(value, bool):
@@ -150,11 +144,7 @@ def encode_variant(variant: Variant) -> bytes:
 
 
 def encode_argument(variant: Variant) -> bytes:
-    """Encode a VARIANT as an argument: its byte length (u32), then type, count and data.
-
-    Raises:
-        LocalProtocolError: For the same reasons as in `encode_variant`.
-    """
+    """Encode an argument: its byte length (u32), then what `encode_variant` returns and with its errors."""
     body = _encode(variant, 0)
     return len(body).to_bytes(4, "little") + body
 
@@ -178,9 +168,6 @@ def _encode(variant: Variant, depth: int) -> bytes:
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> Callable[..., bytes]:
-    """Return a function that packs the type, the element count and `count` numbers. One call that packs all
-    fields is faster than one call per field.
-    """
     return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 
 

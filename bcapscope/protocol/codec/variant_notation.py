@@ -1,6 +1,4 @@
-"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or a value without its type if the type is known or
-can be guessed.
-"""
+"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or a value of a known or guessed type."""
 
 from __future__ import annotations
 
@@ -20,6 +18,7 @@ from bcapscope.protocol.codec.variant import (
     Variant,
     vt_name,
 )
+from bcapscope.protocol.text_format import shortened
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
 _LARGEST_R4 = 3.4028235e38
@@ -103,11 +102,8 @@ def _parse_array(vt: VT, text: str) -> Variant:
         raise InputError(Message("value.no-arrays", type=vt_name(vt)))
     if vt is VT.VARIANT:
         return Variant.array(vt, tuple(parse_variant(piece) for piece in text.split(";")) if text else ())
-    values = (
-        tuple(_parse_element(vt, piece if vt is VT.BSTR else piece.strip()) for piece in text.split(","))
-        if text
-        else ()
-    )
+    pieces = text.split(",") if text else []
+    values = tuple(_parse_element(vt, piece if vt is VT.BSTR else piece.strip()) for piece in pieces)
     if vt is VT.UI1:
         return Variant.array(vt, bytes(value for value in values if isinstance(value, int)))
     return Variant.array(vt, values)
@@ -119,8 +115,8 @@ def _parse_element(vt: VT, text: str) -> Value:
             raise ValueError
         return _READERS.get(vt, _parse_integer)(vt, text)
     except ValueError:
-        shown = text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
-        raise InputError(Message("value.other-type", text=f"{shown!r}", type=vt_name(vt))) from None
+        shown = repr(shortened(text, _LONGEST_SHOWN))
+        raise InputError(Message("value.other-type", text=shown, type=vt_name(vt))) from None
 
 
 def _parse_integer(vt: VT, text: str) -> int:

@@ -1,8 +1,4 @@
-"""Finds the position and meaning of each field of a frame. The screen shows these fields as a tree, and
-highlights their bytes.
-
-`bcapscope.protocol.codec.arguments` decodes the values; this module finds the bytes of each value.
-"""
+"""Find the position and meaning of each field of a frame, for the tree of fields on the screen."""
 
 from __future__ import annotations
 
@@ -36,16 +32,14 @@ from bcapscope.protocol.tables.function_table import (
 from bcapscope.protocol.tables.hresult import hresult_name
 
 HRESULT = "HRESULT"
-"""Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
 """Name of the field for the unreadable rest of an argument."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
-_READING_ENDED = frozenset(
-    {"data", "type", "nesting", "elements"}
-)  # after a problem with one of these codes, the rest of the argument is unreadable
+# after a problem with one of these codes, the rest of the argument is unreadable
+_READING_ENDED = frozenset({"data", "type", "nesting", "elements"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +48,11 @@ class FrameField:
 
     Attributes:
         stop: Offset after the field's last byte; equal to `start` if the frame lacks the field.
-        value: Value of the field; None if the field has no value or its value is unreadable.
+        value: None if the field has no value or its value is unreadable.
         vt: VARIANT type of `value`; None for numbers of the header.
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
-        unit: Unit of the value: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
-        children: Fields that together cover this field without a gap. The elements of a number array are
-            created on access, so a large array costs nothing until its elements are displayed.
+        children: Fields that together cover this field without a gap.
     """
 
     name: str
@@ -80,11 +72,8 @@ def frame_fields(
     """Return the fields of a frame, from SOH to EOT. The offsets of the fields refer to `Frame.body`.
 
     Every byte belongs to exactly one field without children, even in a damaged frame. If EOT is missing, its
-    field has no bytes; if EOT is damaged, its field has the damaged byte. For a compressed frame, this
-    function returns the fields of the unpacked content; `envelope_fields` returns the fields on the wire.
-
-    For a reply, `function_id` and `command` come from the request; both are None if the request was not
-    captured.
+    field has no bytes; if EOT is damaged, its field has the damaged byte. For a reply, `function_id` and
+    `command` come from the request; both are None if the request was not captured.
     """
     if is_request:
         function_id, command = frame.code, command_name(frame.code, frame.variants)
@@ -129,8 +118,6 @@ def _envelope_problems(frame: Frame) -> list[Problem]:
 
 
 class _FieldBuilder:
-    """Builds the fields of one frame from its decoded values, in the order of the frame."""
-
     def __init__(self, frame: Frame, problems: list[Problem], body: bytes | None = None) -> None:
         self._frame = frame
         self.body = frame.body if body is None else body
@@ -167,7 +154,6 @@ class _FieldBuilder:
         yield from self._tail_fields(pos)
 
     def header_fields(self) -> Iterator[FrameField]:
-        """Yield the fields before the function id or HRESULT."""
         yield self.field("SOH", 0, 1)
         for name, start, stop in (("length", 1, 5), ("serial", 5, 7), ("reserved", 7, 9)):
             yield self.number_field(name, start, stop)
@@ -193,15 +179,11 @@ class _FieldBuilder:
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range. The result does not include the problem of a value that is
-        truncated exactly at `stop`.
-        """
+        """Return the problems in a byte range, except that of a value that is truncated exactly at `stop`."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose sort keys are from `first` to `behind` - 1. The function `_doubled_place`
-        computes the sort key of a problem.
-        """
+        """Return the problems whose sort keys (see `_doubled_place`) are from `first` to `behind` - 1."""
         placed = self._placed
         if not placed:
             return ()
@@ -216,11 +198,10 @@ class _FieldBuilder:
         end = size - 1 if size > HEADER_SIZE and has_eot else size
         if start < end:
             name = {Framing.SERIAL_LINE: "CRC", Framing.VERSION_1: "mode byte"}.get(self._frame.framing)
-            yield (
-                self.number_field(name, start, end)
-                if name
-                else self.field("left over", start, end, body[start:end])
-            )
+            if name is None:
+                yield self.field("left over", start, end, body[start:end])
+            else:
+                yield self.number_field(name, start, end)
         beyond = self.problems_between(2 * size, sys.maxsize)
         yield self.field("EOT", end, size, problems=(*self._eot_problems, *beyond))
 
@@ -269,16 +250,9 @@ class _FieldBuilder:
 
     def _nested_field(self, name: str, start: int, variant: Variant, label: ValueLabel) -> FrameField:
         parts = list(self._variant_fields(variant, start, label))
-        return self.field(
-            name,
-            start,
-            parts[-1].stop,
-            variant.value,
-            variant.vt,
-            text=label.text,
-            unit=label.unit,
-            children=parts,
-        )
+        found = self.problems_within(start, parts[-1].stop)
+        vt, value, _ = variant
+        return FrameField(name, start, parts[-1].stop, value, vt, label.text, label.unit, found, parts)
 
     def _string_field(self, name: str, start: int, value: str) -> FrameField:
         middle = start + 4
@@ -291,33 +265,25 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice the problem's offset. If the problem says that an argument is
-    truncated, the sort key is twice the offset minus 1. The smaller key assigns the problem to the truncated
-    argument, not to the next argument.
+    """Return a sort key for a problem: twice its offset, minus 1 if it says that an argument is truncated. So
+    the problem belongs to the truncated argument, not to the next argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off
 
 
+@dataclass(eq=False)
 class _NumberFields(Sequence[FrameField]):
     """Fields of the elements of a number array; each field is created on access."""
 
-    def __init__(
-        self,
-        builder: _FieldBuilder,
-        base: int,
-        values: tuple[object, ...],
-        start: int,
-        labels: tuple[ValueLabel, ...],
-    ) -> None:
-        self._builder = builder
-        self._base = base
-        self._values = values
-        self._start = start
-        self._labels = labels
+    builder: _FieldBuilder
+    base: int
+    values: tuple[object, ...]
+    start: int
+    labels: tuple[ValueLabel, ...]
 
     def __len__(self) -> int:
-        return len(self._values)
+        return len(self.values)
 
     @overload
     def __getitem__(self, index: int) -> FrameField: ...
@@ -325,14 +291,14 @@ class _NumberFields(Sequence[FrameField]):
     def __getitem__(self, index: slice) -> Sequence[FrameField]: ...
     def __getitem__(self, index: int | slice) -> FrameField | Sequence[FrameField]:
         if isinstance(index, slice):
-            return tuple(self._field_at(each) for each in range(*index.indices(len(self._values))))
-        return self._field_at(range(len(self._values))[index])
+            return tuple(self._field_at(each) for each in range(*index.indices(len(self.values))))
+        return self._field_at(range(len(self.values))[index])
 
     def _field_at(self, index: int) -> FrameField:
-        part = self._labels[index] if index < len(self._labels) else NO_LABEL
-        width = NUMBER_WIDTHS[self._base]
-        start = self._start + index * width
+        part = self.labels[index] if index < len(self.labels) else NO_LABEL
+        width = NUMBER_WIDTHS[self.base]
+        start = self.start + index * width
         stop = start + width
-        value: Value = self._values[index]  # type: ignore[assignment]  # plain numbers
+        value: Value = self.values[index]  # type: ignore[assignment]  # plain numbers
         name = part.name or f"[{index}]"
-        return self._builder.field(name, start, stop, value, self._base, text=part.text, unit=part.unit)
+        return self.builder.field(name, start, stop, value, self.base, text=part.text, unit=part.unit)

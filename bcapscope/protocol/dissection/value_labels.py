@@ -10,31 +10,13 @@ from bcapscope.messages.places import Listing
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.poses import AXES, Pose
 from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
-from bcapscope.protocol.tables.enumerations import (
-    AUTO_MODES,
-    INTERPOLATIONS,
-    POSE_TYPES,
-    SPEED_AXES,
-    TASK_START_MODES,
-    TASK_STOP_MODES,
-    option_meanings,
-    pass_motion_text,
-    provider_meaning,
-    result_meanings,
-)
+from bcapscope.protocol.tables import enumerations
 from bcapscope.protocol.tables.function_table import ID, ObjectClass
 from bcapscope.protocol.tables.table_text import table_message
 
 
 class ValueLabel(NamedTuple):
-    """Name, unit and meaning of a value in an argument or a result.
-
-    Attributes:
-        name: Name of the value, such as `J1` or `hand I/O`; may be empty.
-        unit: Unit of the value: `mm`, `deg`, or empty.
-        text: One clause that explains the value; may be empty.
-        elements: Labels of the value's first elements, in order; () if unknown.
-    """
+    """Name, unit (`mm`, `deg`) and meaning, each perhaps empty, and the labels of the first elements."""
 
     name: str = ""
     unit: str = ""
@@ -46,11 +28,8 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Name the elements of slvMove's parameter or result.
-
-    In the returned label, `name` is empty. This function does not know the formats and the slave mode,
-    because earlier calls chose them. The function guesses the names from the number and types of the
-    elements. If the names are guessed, the label's `text` says so.
+    """Name the elements of slvMove's parameter or result. Earlier calls chose the formats and the slave mode,
+    so names may be guessed from the number and types of the elements; the label's `text` then says so.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_part_labels(found._asdict()))
@@ -74,8 +53,7 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""Labels for each field of `SetPoint` and `Feedback`, one label per element of slvMove's array. The fields of
-`SetPoint` and `Feedback` have the same order as the elements of slvMove's array.
+"""For each field of `SetPoint` and `Feedback`, one label per element of slvMove's array, in the same order.
 """
 
 
@@ -96,9 +74,8 @@ def _poses_label(poses: tuple[Pose, ...]) -> ValueLabel:
     types = Listing(tuple(str(pose.type) for pose in poses if pose.type is not None))
     case = "field.pose.guessed" if any(pose.guessed for pose in poses) else "field.pose"
     text = Message(case, types=types) if types.items else ""
-    return ValueLabel(
-        "pose", text=text, elements=tuple(label for pose in poses for label in _axis_labels(pose))
-    )
+    axes = tuple(label for pose in poses for label in _axis_labels(pose))
+    return ValueLabel("pose", text=text, elements=axes)
 
 
 def _axis_labels(pose: Pose) -> Iterator[ValueLabel]:
@@ -111,16 +88,14 @@ def _axis_labels(pose: Pose) -> Iterator[ValueLabel]:
 _HANDLE_LABELS = {
     f"h{kind}": ValueLabel(text=Message("field.handle", object=kind.value)) for kind in ObjectClass
 }
-_ARGUMENT_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = {
-    (ID["Robot_Move"], "lComp"): INTERPOLATIONS,
-    (ID["Robot_Speed"], "lAxis"): SPEED_AXES,
-    (ID["Robot_Accelerate"], "lAxis"): SPEED_AXES,
-    (ID["Task_Start"], "lMode"): TASK_START_MODES,
-    (ID["Task_Stop"], "lMode"): TASK_STOP_MODES,
+_ARGUMENT_MEANINGS = {
+    (ID["Robot_Move"], "lComp"): enumerations.INTERPOLATIONS,
+    (ID["Robot_Speed"], "lAxis"): enumerations.SPEED_AXES,
+    (ID["Robot_Accelerate"], "lAxis"): enumerations.SPEED_AXES,
+    (ID["Task_Start"], "lMode"): enumerations.TASK_START_MODES,
+    (ID["Task_Stop"], "lMode"): enumerations.TASK_STOP_MODES,
 }
-_PARAMETER_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = {
-    (ID["Controller_Execute"], "putautomode"): AUTO_MODES
-}
+_PARAMETER_MEANINGS = {(ID["Controller_Execute"], "putautomode"): enumerations.AUTO_MODES}
 _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
@@ -142,16 +117,12 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the label of the value in a reply. `name` is the name of the value, such as `hRobot`.
-
-    `function_id` and `command` belong to the request that the reply answers.
-    """
+    """Return the label of the value in a reply to the request of `function_id` and `command`."""
     if type(variant.value) is not int:
         return NO_LABEL
-    stands = result_meanings(function_id or 0, command or "", variant.value)
-    return _HANDLE_LABELS.get(name) or ValueLabel(
-        text=_all_of("field.meanings", [*map(table_message, stands)])
-    )
+    found = enumerations.result_meanings(function_id or 0, command or "", variant.value)
+    text = _all_of("field.meanings", [table_message(each) for each in found])
+    return _HANDLE_LABELS.get(name) or ValueLabel(text=text)
 
 
 def _meaning(text: str | None) -> str | Message:
@@ -160,16 +131,14 @@ def _meaning(text: str | None) -> str | Message:
 
 def _string_meaning(function_id: int | None, name: str, value: str) -> str | Message:
     if name == "bstrProvider":
-        return _meaning(provider_meaning(value))
+        return _meaning(enumerations.provider_meaning(value))
     if name == "bstrOption":
-        found = option_meanings(value, is_move=function_id == ID["Robot_Move"])
+        found = enumerations.option_meanings(value, is_move=function_id == ID["Robot_Move"])
+        if len(found) == 1:
+            return table_message(next(iter(found.values())))
         meanings = {key: table_message(text) for key, text in found.items()}
-        if len(meanings) == 1:
-            return next(iter(meanings.values()))
-        return _all_of(
-            "field.options",
-            [Message("field.option", key=key, meaning=meaning) for key, meaning in meanings.items()],
-        )
+        options = [Message("field.option", key=key, meaning=text) for key, text in meanings.items()]
+        return _all_of("field.options", options)
     return ""
 
 
@@ -196,14 +165,15 @@ def _pose_label(variant: Variant) -> ValueLabel:
     items = _first_elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL
-    type_, pass_motion = _integer_at(items, 1), _integer_at(items, 2)
-    letter = "" if type_ is None else POSE_TYPES.get(type_, "")
+    type_, motion = _integer_at(items, 1), _integer_at(items, 2)
+    letter = "" if type_ is None else enumerations.POSE_TYPES.get(type_, "")
+    pass_motion = "" if motion is None else enumerations.pass_motion_text(motion)
     axes = _AXES.get(letter or _text_at(items, 1), ())
     return ValueLabel(
         elements=(
             ValueLabel("numbers", elements=tuple(ValueLabel(axis.name, axis.unit) for axis in axes)),
             ValueLabel("pose type", text=letter),
-            ValueLabel("pass", text="" if pass_motion is None else pass_motion_text(pass_motion)),
+            ValueLabel("pass", text=pass_motion),
             ValueLabel("extra axes"),
         )
     )
@@ -224,9 +194,7 @@ def _approach_label(variant: Variant) -> ValueLabel:
     if len(items) < 3:
         return NO_LABEL
     number = _integer_at(items, 0)
-    interpolation = ValueLabel(
-        "interpolation", text="" if number is None else _meaning(INTERPOLATIONS.get(number))
-    )
-    return ValueLabel(
-        elements=(interpolation, _pose_label(items[1])._replace(name="pose"), ValueLabel("distance", "mm"))
-    )
+    meaning = None if number is None else enumerations.INTERPOLATIONS.get(number)
+    interpolation = ValueLabel("interpolation", text=_meaning(meaning))
+    pose = _pose_label(items[1])._replace(name="pose")
+    return ValueLabel(elements=(interpolation, pose, ValueLabel("distance", "mm")))

@@ -25,7 +25,7 @@ from bcapscope.protocol.codec.frame import (
 )
 from bcapscope.protocol.codec.frame_content import EOT
 from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
@@ -33,16 +33,10 @@ _REMEMBERED_ATTEMPTS = 32
 """Number of remembered attempts of earlier calls, to distinguish late replies from stray replies."""
 
 _LAST_SERIAL = 0xFFFF
-_UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
 
 
 class RetryPolicy(NamedTuple):
-    """How long a client waits for the reply to an attempt, and how often it retries.
-
-    Attributes:
-        timeout: Timeout of each attempt, ns.
-        retries: Number of retries after the first attempt; ignored over TCP, where clients do not retry.
-    """
+    """How long a client waits for the reply to an attempt (ns), and how often it retries over UDP."""
 
     timeout: int
     retries: int
@@ -88,12 +82,7 @@ class CallExecuting:
 
 @dataclass(frozen=True, slots=True)
 class LateReply:
-    """A reply that the client discards, because it answers an earlier attempt or a call that has ended.
-
-    Attributes:
-        time: Time in ns at which the late reply arrived.
-        sent: Time in ns at which the client sent the attempt that the late reply answers.
-    """
+    """A reply, at `time`, to an earlier attempt or call, sent at `sent` (ns). The client discards it."""
 
     reply: Frame
     time: int
@@ -106,8 +95,6 @@ RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply
 
 @dataclass(eq=False)
 class _OpenAttempt:
-    """One attempt of the current or an earlier call, with the attempt's events so far."""
-
     serial: int
     reserved: int
     sent: int
@@ -120,19 +107,14 @@ class _OpenAttempt:
 class Requester:
     """Makes one call at a time, because a controller executes the calls of a client one after another.
 
-    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, unless the program gives the call up
-    with `abandon`.
-
-    Attributes:
-        deadline: Time in ns at which the program must call `handle_timeout`; None if no call is in progress.
+    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, except with `abandon`. While a call is
+    in progress, the program calls `handle_timeout` at the time `deadline`, in ns.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
-        """Start a conversation with the controller.
+        """Start a conversation with the controller, over UDP or TCP as `convention` requires.
 
-        `convention` says how to fill the reserved field. The conventions for UDP and TCP differ, so
-        `convention` also selects UDP or TCP. Only UDP has retries and a size limit. Do not start with serial
-        0, because the C server mistakes a new client's first request with serial 0 for a retry.
+        The C server mistakes a new client's first request with serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
@@ -140,7 +122,7 @@ class Requester:
         if convention is ReservedConvention.UNKNOWN or not 1 <= first_serial <= _LAST_SERIAL:
             raise ValueError(f"convention {convention}, first serial {first_serial}")
         self.convention = convention
-        self.datagrams = convention in _UDP_CONVENTIONS
+        self.datagrams = convention in client_conventions(datagrams=True)
         self._serial = first_serial
         self._request_bytes = b""
         self._policy = RetryPolicy(0, 0)
@@ -216,14 +198,11 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives after `abandon` is a
-        late reply.
-        """
+        """Give up the call in progress and return its attempts. A reply after `abandon` is a late reply."""
         self.deadline = None
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
-        """Return the frames to send now. Later calls of `data_to_send` do not return these frames."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 

@@ -27,9 +27,7 @@ class ReservedConvention(StrEnum):
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
-    """Return the conventions that clients use, the most usual first. `datagrams` is True for UDP, False for
-    TCP.
-    """
+    """Return the conventions that clients use over UDP (`datagrams`) or TCP, the most usual first."""
     if datagrams:
         return ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN
     return ReservedConvention.TCP0, ReservedConvention.TCP1
@@ -39,9 +37,7 @@ class ReplyReserved(StrEnum):
     """Value that a controller writes into the reserved field of its replies."""
 
     UNKNOWN = "unknown"
-    """The controller's convention is not known yet. `ZERO` and `ECHOED` differ only if the reserved field of
-    the request is not 0.
-    """
+    """Not known yet. `ZERO` and `ECHOED` differ only if the request's reserved field is not 0."""
     ZERO = "zero"
     """Always 0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
     ECHOED = "echoed"

@@ -2,8 +2,7 @@
 
 A client that gets no reply in time sends its request again with a new serial. The reserved field of the retry
 names an earlier attempt (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). The
-client accepts only a reply with its newest serial, so the responder sends the stored reply again with the
-serial of the retry.
+client accepts only a reply with its newest serial.
 """
 
 from __future__ import annotations
@@ -22,19 +21,14 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of replies that a responder stores for its client. A client makes one call at a time, so one stored
-reply is enough if the network keeps packets in order. The other stored replies serve retries that arrive
-late. A UDP reply has at most 503 bytes.
-"""
+"""Number of stored replies (over UDP, at most 503 bytes each). All but one serve only late retries."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
-"""Serials count from 1 to 65535, then start again at 1."""
 
 _MAX_ATTEMPTS = 16
-"""Assumed maximum number of attempts of one call: if two serials differ by more than this number, they belong
-to different calls. Known clients send at most 8 attempts per call, except for one client that retries without
-end.
+"""If two serials differ by more than this number, they belong to different calls. Known clients send at most
+8 attempts per call, except for one client that retries without end.
 """
 
 
@@ -46,26 +40,23 @@ class Defect(Flag):
 
     NONE = 0
     FORGETS_FIRST = 1
-    """The server stores only its last reply, with the serial of the first attempt that arrived. The server
-    does not compare the contents of requests. If the first attempt is lost, the server executes the first
-    retry and stores the serial of this retry. The second retry holds the serial of the lost attempt, which
-    the server never received. The server therefore executes the second retry as a new call. If a client
-    restarts with the serial of its last call, the server sends the old reply.
+    """The server stores only its last reply, with the serial of the first attempt that arrived, and does not
+    compare the contents of requests. If the first attempt is lost, the server executes the first retry and
+    stores its serial. The second retry holds the serial of the lost attempt, so the server executes it as a
+    new call. If a client restarts with the serial of its last call, the server sends the old reply.
     """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
 
 
 class RequestKind(Enum):
-    """Kinds of requests that the responder distinguishes."""
-
     NEW = "new"
     """A new call: execute it, then call `Responder.answer_call`."""
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call. The reply to the running call will carry the serial of the retry.
-    A retry of an abandoned call is also `RUNNING`, but never gets a reply.
+    """A retry of the running call, whose reply will carry the serial of the retry. A retry of an abandoned
+    call is also `RUNNING`, but never gets a reply.
     """
     BUSY = "busy"
     """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""
@@ -83,8 +74,6 @@ _NEW = RequestDecision(RequestKind.NEW)
 
 
 class _Call:
-    """One call with the serials of all its known attempts."""
-
     def __init__(self, frame: Frame, content: bytes) -> None:
         self.content = content
         self.first = frame.serial
@@ -106,11 +95,9 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return False if a call newer than `call` has its newest serial between `call.newest` and `serial`, both
-    included; otherwise True.
-
-    `calls` lists the newest call first. The function ignores calls older than `call`. An older call with a
-    higher serial comes from an earlier program on the same port.
+    """Return whether no call newer than `call` has its newest serial between `call.newest` and `serial`, both
+    included. `calls` lists the newest call first; an older call with a higher serial comes from an earlier
+    program.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -119,37 +106,29 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 
 
 class Responder:
-    """Decides for one client whether each request is a new call or a retry.
+    """Decides for one client whether each request is a new call or a retry; executes nothing.
 
-    The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends a call that
-    `receive_request` classified as new. Over UDP, each address and port counts as a client; over TCP, each
-    connection counts as a client. A controller executes the calls of a client one after another.
+    Over UDP, each address and port counts as a client; over TCP, each connection. A controller executes the
+    calls of a client one after another.
 
-    In a first attempt, the reserved field is 0 or the frame's own serial. In a retry, the reserved field is
-    the serial of the first or the previous attempt of the same call. A request belongs to a remembered call
-    if two conditions hold: its reserved field holds the serial of an attempt of this call, and function and
-    arguments are the same. When a retry arrives, the responder adds the retry's serial and reserved field to
-    the serials of the call. If a known serial arrives with other contents, the client has restarted.
+    In a first attempt, the reserved field is 0 or the frame's own serial. In a retry, it is the serial of the
+    first or the previous attempt. A request belongs to a remembered call if its reserved field holds the
+    serial of an attempt of this call, and function and arguments are the same. A retry adds its serial and
+    reserved field to the serials of the call. If a known serial arrives with other contents, the client has
+    restarted, and the responder forgets the calls from before the restart.
 
     In two cases, a request does not show whether it is a new call or a retry:
 
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) holds the serial of the previous
-      attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
-      in the reserved field. The retry may belong to a known call, or to a new call with the same contents.
+      attempt in its reserved field. If the previous attempt was lost, the retry may belong to a known call,
+      or to a new call with the same contents.
     * A new program on the port of an earlier program may start with the same serial. If an earlier call with
       the same contents has an equal or slightly higher serial, the new call looks like a delayed attempt of
       the earlier call.
 
-    If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    A request is usually a new call if the responder knows neither its serial nor its reserved field. Under
-    the conventions `CHAIN` and `UNKNOWN`, a request may be a retry even if the responder knows neither its
-    serial nor its reserved field. If the responder mistakes a new call for a retry, the controller does not
-    execute the call, and the client gets the earlier reply. The earlier reply may hold an old value, or
-    report a motion that the robot made for the earlier call.
-
-    If the responder detects that the client's program has restarted, the responder forgets the calls from
-    before the restart. The responder stores at most `remembered` calls, so calls of a new program displace
-    the calls of an earlier program.
+    The responder then assumes a retry, so that no call runs twice. If it mistakes a new call for a retry, the
+    controller does not execute the call, and the client gets the earlier reply. That reply may hold an old
+    value, or report a motion that the robot made for the earlier call.
     """
 
     def __init__(
@@ -161,15 +140,9 @@ class Responder:
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
     ) -> None:
-        """Start with a client that has sent no request yet.
-
-        Args:
-            expects_retries: True for UDP; False for TCP, where every request is a new call.
-            reply_reserved: Convention for the reserved field of replies; `UNKNOWN` has the same effect as
-                `ZERO`.
-            remembered: Maximum number of replies to store.
-            largest_answer: Maximum size of a reply in bytes.
-            defects: Defects of DENSO's C server that the responder imitates.
+        """Start with a client that has sent no request yet. `expects_retries` is False for TCP, where every
+        request is a new call. Replies have at most `largest_answer` bytes, and `remembered` of them are
+        stored.
         """
         self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries
@@ -197,12 +170,8 @@ class Responder:
         if call is None:
             if self._running is not None:
                 return RequestDecision(RequestKind.BUSY)
-            if (
-                not had_received
-                and self._retries
-                and frame.serial == 0
-                and Defect.SERIAL_ZERO in self._defects
-            ):
+            is_ignored = frame.serial == 0 and Defect.SERIAL_ZERO in self._defects
+            if is_ignored and self._retries and not had_received:
                 return RequestDecision(RequestKind.REPEAT, self.reply_unremembered(frame, S_OK))
             self._running = call = _Call(frame, content)
             if self._retries:
@@ -250,22 +219,17 @@ class Responder:
         return encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, S_EXECUTING)
 
     def reply_unremembered(self, frame: Frame, code: int) -> bytes:
-        """Return a reply that the responder does not store, such as a refusal while another call runs."""
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client. The running call gets no reply, and the next request counts as the first request
-        of a new client.
-        """
+        """Forget the client. The running call gets no reply."""
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add the serials and the content of a call to `_known_keys`. If `_known_keys` is full, first remove
-        all keys that belong to no call in `_known_calls`.
-        """
+        """Add the keys of a call. If the set is full, first remove the keys that belong to no known call."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -318,19 +282,16 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls that the client made before its program restarted. The client used `serial` before
-        and after the restart, for different calls.
-
-        Keep a call if it is newer than the call that used `serial`, and if its serial is below `serial`. The
-        restarted program made this call, and may still retry this call.
+        """Forget the calls from before the restart of a program that has used `serial` for two different
+        calls. Keep newer calls with lower serials, which the restarted program made and may still retry.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of an attempt under the convention `CHAIN`; None if unknown. The previous attempt
-        may be lost, or a later attempt may have arrived first.
+        """Return the call of an attempt under the convention `CHAIN`. The previous attempt may be lost, or a
+        later one may have arrived first.
         """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
@@ -342,9 +303,7 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Find out which `ReservedConvention` the client uses, if the reserved field is not 0. Under the
-        convention `CHAIN`, a retry's reserved field holds the serial of the previous attempt.
-        """
+        """Find out which `ReservedConvention` the client uses, from a reserved field other than 0."""
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN
         elif (frame.serial - frame.reserved) % _SERIAL_COUNT > 1:

@@ -1,7 +1,4 @@
-"""Formats of slvMove: the bits of slvSendFormat and slvRecvFormat.
-
-Source: DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp and denso_robot.h.
-"""
+"""Formats of slvMove (DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp and denso_robot.h)."""
 
 from __future__ import annotations
 
@@ -23,7 +20,6 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
 _DIGIT_BY_POSES = {poses: digit for digit, poses in _POSES.items()}
 _SEND_BITS = {"hand_io": 0x020, "mini_io": 0x100, "user_io": 0x200}
 _RECEIVE_BITS = {"timestamp": 0x010, "current": 0x040, **_SEND_BITS}
-"""For each field name of `ReceiveFormat`, the bit that selects this field."""
 
 _UNDOCUMENTED_BIT = 0x400
 """Bit that open-source clients set in the send format 0x620. No public source explains the bit 0x400."""
@@ -34,11 +30,10 @@ class SendFormat:
     """What the parameter of slvMove holds besides the pose.
 
     Attributes:
-        hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48. The controller sets
-            only IO64..IO71.
-        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0. Depending on the
-            controller, the word sets only IO24..IO31 or only IO16..IO31.
-        user_io: Whether the parameter holds I/O bits to write, and the range of these bits.
+        hand_io: Whether there is a hand I/O word. Bit 0 is IO48. The controller sets only IO64..IO71.
+        mini_io: Whether there is a mini I/O word. Bit 0 is IO0. Depending on the controller, the word sets
+            only IO24..IO31 or only IO16..IO31.
+        user_io: Whether there are I/O bits to write, and the range of these bits.
         other: Bits of the format that have no known meaning.
     """
 
@@ -58,15 +53,11 @@ class SendFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether clients use this format.
-
-        Clients use the formats 0, 0x020, 0x100, 0x120, 0x200 and 0x220, with or without the bit 0x400.
-        """
+        """Whether clients use this format: 0, 0x020, 0x100, 0x120, 0x200 and 0x220, with or without 0x400."""
         return not self.other & ~_UNDOCUMENTED_BIT and not (self.mini_io and self.user_io)
 
 
 POSE_ONLY_FORMAT = SendFormat()
-"""The send format of a set point that holds only a pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +66,13 @@ class ReceiveFormat:
 
     Attributes:
         poses: Types of the poses in order. One number array holds both poses if there are two.
-        timestamp: Whether the result holds the time since the controller's start.
-        hand_io: Whether the result holds the hand I/O word, whose bit 0 is IO48.
-        current: Whether the result holds the motor current of each axis.
-        mini_io: Whether the result holds the mini I/O word, whose bit 0 is IO0.
-        user_io: Whether the result holds the range of I/O bits that slvMove requested.
+        timestamp: Whether there is the time since the controller's start.
+        hand_io: Whether there is a hand I/O word, whose bit 0 is IO48.
+        mini_io: Whether there is a mini I/O word, whose bit 0 is IO0.
+        user_io: Whether there is the range of I/O bits that slvMove requested.
         other: Bits of the format that have no known meaning; includes the last digit if it is above 5.
-        microseconds: Whether the timestamp is in µs instead of ms. slvRecvFormat sets this unit with the
-            second number of its parameter.
+        microseconds: Whether the timestamp is in µs instead of ms, as the second number of slvRecvFormat's
+            parameter selects.
 
     Raises:
         ValueError: slvRecvFormat cannot select the combination of pose types in `poses`.
@@ -119,9 +109,7 @@ class ReceiveFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. The ROS driver combines mini I/O and user I/O only in the
-        format 0x340.
-        """
+        """Whether the ROS driver knows this format. Only 0x340 combines mini I/O and user I/O."""
         both = self.mini_io and self.user_io
         return not self.other and (not both or int(self) & ~_POSE_BITS == 0x340)
 
@@ -137,22 +125,12 @@ def _join_flags(form: SendFormat | ReceiveFormat, bits: dict[str, int]) -> int:
 
 
 class FormatParameter(NamedTuple):
-    """The decoded parameter of slvSendFormat or slvRecvFormat.
-
-    Attributes:
-        value: Number of the format.
-        microseconds: Whether the parameter has a second number that selects µs for the timestamp.
-    """
-
     value: int
     microseconds: bool = False
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode the parameter of slvSendFormat or slvRecvFormat: a format number, or an array of a format number
-    and a time unit. Return None if the parameter holds no format number, or if its time unit is not a whole
-    number.
-    """
+    """Decode a format number, or an array of a format number and a time unit (1 for µs); else None."""
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

@@ -30,8 +30,6 @@ class Generation(StrEnum):
 
 
 class PoseType(StrEnum):
-    """Kind of coordinates that a set point holds."""
-
     P = "P"
     """Position with rotations."""
     J = "J"
@@ -57,11 +55,10 @@ class SlaveMode:
 
     Attributes:
         value: Number of the mode in slvChangeMode, 0x000..0x203.
-        pose_type: Pose type of the set points in this mode; None for off.
+        pose_type: None for off.
         buffer_slots: Number of set points that the controller buffers.
         overwrites_waiting: Whether a new set point replaces the set point that waits in the buffer.
-        paces_client: Whether the controller sets the pace by replying to slvMove only when the buffer has
-            room.
+        paces_client: Whether the controller replies to slvMove only when the buffer has room.
         underflow_is_error: Whether the controller leaves slave mode if a set point is missing during motion;
             None if a setting on the pendant decides this.
         overflow_is_error: Whether the controller warns with S_BUF_FULL, and refuses further set points with
@@ -95,9 +92,7 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool]] = {
     ModeKind.MODE_1: (1, True, False, False, False),
     ModeKind.MODE_2: (3, False, True, True, False),
 }
-"""Behaviour of each kind of mode. Each tuple holds the fields of `SlaveMode` from `buffer_slots` to
-`overflow_is_error`.
-"""
+"""For each kind of mode, the fields of `SlaveMode` from `buffer_slots` to `overflow_is_error`."""
 
 _TEXTS = {
     ModeKind.OFF: "slave mode off",
@@ -137,11 +132,10 @@ def _build_modes() -> dict[tuple[Generation, int], SlaveMode]:
 _MODES = _build_modes()
 
 MODES: tuple[SlaveMode, ...] = tuple(_MODES.values())
-"""Every mode of every generation."""
 
 
 def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) -> SlaveMode | None:
-    """Return the mode with this number on controllers of this generation; None if the number is unknown."""
+    """Return the mode with this number; None if the number is unknown."""
     return _MODES.get((generation, value))
 
 

@@ -16,9 +16,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""The ROS driver appends one number to each pose: the sum of `USED_AXES_FLAG` and one bit per axis in use.
-The purpose of the appended number is not known.
-"""
+"""The ROS driver appends to each pose this number plus one bit per axis in use. The purpose is not known."""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 """VARIANT types of a pose that is an array of numbers."""
@@ -52,9 +50,9 @@ class Pose(NamedTuple):
     """A pose.
 
     Attributes:
-        type: P, J or T; None if the number of values fits no pose type.
+        type: None if the number of values fits no pose type.
         values: One number per axis of `axes`, in order.
-        extra: Numbers after the values of the axes. The ROS driver appends one number to each pose.
+        extra: Numbers after the values of the axes, such as the number that the ROS driver appends.
         guessed: Whether the pose type is a guess from the number of values.
     """
 
@@ -70,24 +68,19 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """One bit for each axis in use; bit 0 is J1. The ROS driver appends a number with these bits to each
-        pose. None if the pose has no appended number with these bits.
-        """
+        """One bit for each axis in use, in the number that the ROS driver appends; bit 0 is J1."""
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
 
 
 def is_used_axes_mark(number: float) -> bool:
-    """Return whether a number is `USED_AXES_FLAG` plus bits of axes."""
     return USED_AXES_FLAG <= number <= USED_AXES_FLAG + 0xFF and number == int(number)
 
 
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
-    """Return the numbers of a number array, or of a VARIANT array that holds only numbers.
-
-    Clients send such a VARIANT array for a list that mixes integers and floats. Returns None for bytes, for
-    booleans, and for a value that is not an array of numbers.
+    """Return the numbers of a number array, or of a VARIANT array that holds only numbers; else None. Clients
+    send such a VARIANT array for a list that mixes integers and floats.
     """
     value = variant.value
     if not isinstance(value, tuple):
@@ -101,9 +94,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values. The last value may be the number that the ROS driver
-    appends.
-    """
+    """Guess the pose type from the number of values; the ROS driver may have appended one."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)

@@ -2,8 +2,7 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
-the elements with slvSendFormat and slvRecvFormat. If slvSendFormat or slvRecvFormat was not captured, the
-decoder chooses the most likely order of the elements, and sets `guessed`.
+the elements with slvSendFormat and slvRecvFormat. If these were not captured, the decoder guesses.
 """
 
 from __future__ import annotations
@@ -25,26 +24,28 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
+_FEEDBACK_PARTS: _Arrangement = (
+    ("timestamp", _WORD),
+    ("poses", _ROW),
+    ("mini_io", _WORD),
+    ("user_io", _DATA),
+    ("hand_io", _WORD),
+    ("current", _ROW),
+)
+
 # Pose types in a result with two poses (receive formats 4 and 5). The key is how many numbers the result has.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
-_POSE_ONLY = (
-    POSE_ONLY_FORMAT,
-)  # a tuple, because `in` first compares identities, which is faster than == of dataclasses
+# a tuple, because `in` first compares identities, which is faster than == of dataclasses
+_POSE_ONLY = (POSE_ONLY_FORMAT,)
 
 _MAX_PARTS = 8  # maximum number of elements to examine; every slvMove format has fewer elements
 
 
 class UserIO(NamedTuple):
-    """A range of I/O bits that slvMove reads or writes.
-
-    Attributes:
-        offset: Number of the first I/O bit; at least 128 and a multiple of 8.
-        size: Number of I/O bits in the range.
-        data: Bytes to write to the range; None for a range to read.
-    """
+    """I/O bits that slvMove reads (`data` is None) or writes: `size` bits from the bit number `offset` on."""
 
     offset: int
     size: int
@@ -55,9 +56,7 @@ class SetPoint(NamedTuple):
     """The decoded parameter of slvMove.
 
     Attributes:
-        pose: Target pose; None if the parameter holds no pose.
         mini_io: Word that the controller writes to the mini I/O; bit 0 is IO0.
-        user_write: I/O bits that the controller writes.
         user_read: I/O bits that the controller returns in the reply.
         hand_io: Word that the controller writes to the hand I/O; bit 0 is IO48.
         guessed: Whether the pose type or the order of elements is a guess.
@@ -78,14 +77,10 @@ class Feedback(NamedTuple):
 
     Attributes:
         timestamp: Time since the controller's start, in ms or µs, as a signed 32-bit number that overflows.
-        microseconds: Whether `timestamp` is in µs.
         poses: The current pose in each requested pose type, at most two.
         mini_io: Word read from the mini I/O; bit 0 is IO0.
         user_io: I/O bits that the set point requested.
         hand_io: Word read from the hand I/O; bit 0 is IO48.
-        current: Motor current of each axis.
-        guessed: Whether the pose type or the order of elements is a guess.
-        problems: How the result differs from the expected form.
     """
 
     timestamp: int | None = None
@@ -105,8 +100,7 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. If the parameter has an unexpected form, return the elements that fit, and
-    the problems.
+    """Decode slvMove's parameter. If it has an unexpected form, return what fits, and the problems.
 
     `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
     None if its call was not captured.
@@ -134,11 +128,9 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If the result has an unexpected form, return the elements that fit, and the
-    problems.
-
-    A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
-    numbers counts as a pose of the slave mode's `pose_type`.
+    """Decode slvMove's result. If it has an unexpected form, return the elements that fit, and the problems.
+    EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as a pose of
+    the slave mode's `pose_type`.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -163,9 +155,7 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose if the value has the usual form: a float array of exactly the right length. Otherwise,
-    return None.
-    """
+    """Return the pose if the value has the usual form: a float array of exactly the right length."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -236,32 +226,17 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
     """Return the possible arrangements of a result's elements, the most likely first."""
     if receive is not None:
-        return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
+        return _matching_arrangements([_feedback_parts(receive)], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
-    return _matching_arrangements(
-        (tuple(_feedback_parts(ReceiveFormat.parse(sum(each)))) for each in bits), kinds
-    )
+    return _matching_arrangements((_feedback_parts(ReceiveFormat.parse(sum(each))) for each in bits), kinds)
 
 
-def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
-    if form.timestamp:
-        yield "timestamp", _WORD
-    if form.poses:
-        yield "poses", _ROW
-    if form.mini_io:
-        yield "mini_io", _WORD
-    if form.user_io:
-        yield "user_io", _DATA
-    if form.hand_io:
-        yield "hand_io", _WORD
-    if form.current:
-        yield "current", _ROW
+def _feedback_parts(form: ReceiveFormat) -> _Arrangement:
+    return tuple((name, kind) for name, kind in _FEEDBACK_PARTS if getattr(form, name))
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Return a dictionary with the value of each element, and a list of problems. The keys of the dictionary
-    are the names in `layout`. A value is a tuple of numbers, an integer, or bytes.
-    """
+    """Return the value of each element of `layout` by name, and the problems."""
     named: dict[str, Any] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -285,9 +260,7 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether `layout` is a plausible arrangement of the elements in `parts`. User I/O must be valid.
-    If there is hand I/O without mini I/O, the upper 8 bits of the hand I/O must be 0.
-    """
+    """Return whether user I/O is valid, and the upper 8 bits of hand I/O without mini I/O are 0."""
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False
@@ -318,10 +291,8 @@ def _poses_of_part(
         size = len(AXES[types[0]])
         first, problems = build_pose(row[:size], types[0])
         second, more = build_pose(row[size:], types[1])
-        return (
-            first._replace(guessed=receive is None),
-            second._replace(guessed=receive is None),
-        ), problems + more
+        poses = tuple(each._replace(guessed=receive is None) for each in (first, second))
+        return poses, problems + more
     # If the receive format is unknown, an array of the right length counts as one pose of `pose_type`, the
     # type of the slave mode. No public document describes the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])

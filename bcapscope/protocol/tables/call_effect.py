@@ -1,5 +1,4 @@
-"""The strongest effect that a call can have: read data, open or close something, change a state, energise the
-robot, or move it.
+"""The strongest effect that a call can have on the robot.
 
 bcapscope derives the effects from the meanings of the functions in orin_bcap C/include/bcap_funcid.h and of
 the commands in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.
@@ -14,8 +13,6 @@ from bcapscope.protocol.tables.table_rows import table_rows
 
 
 class CallEffect(IntEnum):
-    """Strongest effect that a call can have on the robot. A larger number is a stronger effect."""
-
     READS = 0
     """Only reads data from the controller."""
     SESSION = 1
@@ -33,11 +30,8 @@ class CallEffect(IntEnum):
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect of each function. To find the effect of one request, call `request_effect`, which also
-reads the arguments of the request.
-"""
+"""Strongest effect of each function; see `request_effect` for the effect of one request."""
 
 
 def function_effect(function_id: int) -> CallEffect:
-    """Return the strongest effect that a function can have; `MOVES` for an unknown id."""
     return FUNCTION_EFFECTS.get(function_id, CallEffect.MOVES)

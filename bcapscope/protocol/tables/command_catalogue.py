@@ -1,5 +1,4 @@
-"""The catalogue of commands (`commands.tsv`): names for the argument bstrCommand of calls such as
-Robot_Execute.
+"""The catalogue of commands (`commands.tsv`): names for the argument bstrCommand, such as of Robot_Execute.
 
 Controllers and this catalogue ignore the case of command names. The slides of DENSO Wave 2009, How to use the
 Slave mode, show both `SLVMOVE` and `slvMove`.
@@ -39,11 +38,9 @@ class CommandSpec:
 
     Attributes:
         function_id: Id of the function that takes the command: 17, 28, 64 or 87.
-        name: Name of the command, spelled as in DENSO's samples.
         parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
-        elements: Meaning of the parameter or of its elements in order; empty if unknown.
+        elements: Meaning of the parameter or of its elements in order.
         result_types: Possible types of the result; `none` if the reply has no value; () if unknown.
-        returns: Meaning of the result; empty if unknown.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
         controllers: Controllers, providers or objects that have the command; empty if unknown.
     """
@@ -78,7 +75,6 @@ def _similar_command(function_id: int, folded_name: str) -> str | None:
 
 
 def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
-    """Return the known commands of a function; () for a function that takes no command."""
     return _BY_FUNCTION.get(function_id, ())
 
 
@@ -89,9 +85,7 @@ def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
 
 
 def command_name(function_id: int, arguments: Sequence[Variant]) -> str | None:
-    """Return the command of an ..._Execute call in the client's spelling. Return None if the function is not
-    an ..._Execute function, or if the second argument is not a string.
-    """
+    """Return the command of an ..._Execute call in the client's spelling; None if there is none."""
     if function_id not in COMMAND_FUNCTIONS or len(arguments) < 2:
         return None
     value = arguments[1].value

@@ -1,7 +1,4 @@
-"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls.
-
-`enumerations.tsv` describes each table.
-"""
+"""Meanings of numbers, bits and strings in arguments and results (`enumerations.tsv`)."""
 
 from __future__ import annotations
 
@@ -35,10 +32,7 @@ PROVIDERS = _texts("provider")
 
 
 def sys_state_texts(value: int) -> tuple[str, ...]:
-    """Return the meanings of the bits set in a result of SysState, lowest bit first.
-
-    For a reserved bit, the meaning is its number, such as `bit 9`.
-    """
+    """Return the meanings of the bits set in a result of SysState; `bit 9` for a reserved bit."""
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 
@@ -64,7 +58,6 @@ def option_meanings(text: str, is_move: bool) -> dict[str, str]:
 
 
 def provider_meaning(name: str) -> str | None:
-    """Return the meaning of a provider name, ignoring case; None if unknown."""
     return _MEANING_BY_PROVIDER.get(name.casefold())
 
 

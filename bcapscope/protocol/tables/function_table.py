@@ -48,12 +48,7 @@ class ResultKind(StrEnum):
 
 
 class Param(NamedTuple):
-    """Name and type of an argument of a request.
-
-    Attributes:
-        name: The vendor's name of the argument, such as `hRobot` or `bstrCommand`.
-        type: `VT_I4`, `VT_R4` or `VT_BSTR`; `VARIANT` if any type is allowed.
-    """
+    """The vendor's name of an argument, such as `hRobot`, and its type; `VARIANT` if any type is allowed."""
 
     name: str
     type: str
@@ -65,14 +60,11 @@ class Function:
 
     Attributes:
         id: Function id, 1..137, at offset 9 of a request.
-        name: The vendor's name of the function: class, underscore and verb, such as `Robot_Execute`.
         owner: Class of the object to which the handle in the first argument must refer.
-        params: Arguments of the request in order, the handle first. Clients always send optional strings; a
-            string without a value is empty.
-        result_name: The vendor's name of the result, such as `hRobot` or `pVal`; None if there is no result.
-        creates: Class of the object that a successful call opens; None if the call opens no object. The
-            object that Service_Start opens has no handle.
-        releases: Class of the object that a successful call releases; None if the call releases no object.
+        params: The handle comes first. Clients always send optional strings; a string without a value is
+            empty.
+        result_name: The vendor's name of the result, such as `hRobot` or `pVal`.
+        creates: Class of the object that a successful call opens. Service_Start's object has no handle.
         note: One clause that says how implementations of the function disagree; empty if they agree.
     """
 
@@ -132,17 +124,15 @@ def _function(row: dict[str, str]) -> Function:
 _ALL = [_function(row) for row in table_rows("functions")]
 
 FUNCTIONS: Mapping[int, Function] = MappingProxyType({function.id: function for function in _ALL})
-"""All functions of b-CAP by function id, in the order of the ids."""
 
 ID: Mapping[str, int] = MappingProxyType({function.name: function.id for function in _ALL})
-"""Function ids by function name."""
 
 _BY_NAME = {function.name.casefold(): function for function in _ALL}
 _NAME_BY_ID = {function.id: function.name for function in _ALL}
 
 
 def signed_function_id(code: int) -> int:
-    """Convert the unsigned code of a request to the function id, which is a signed integer of 32 bits."""
+    """Convert the unsigned code of a request to the function id, a signed 32-bit integer."""
     return code - 0x1_0000_0000 if 0x8000_0000 <= code <= 0xFFFF_FFFF else code
 
 
@@ -161,9 +151,7 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of an argument of a request. `index` counts the arguments from 0. A surplus
-    argument has a name such as `arg4`, with a number counted from 1.
-    """
+    """Return the argument at `index`, from 0. A surplus one is named `arg4` or so, counted from 1."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
         return function.params[index]
@@ -171,9 +159,7 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of the value that a function's reply carries. `index` is the position of the
-    value, from 0.
-    """
+    """Return the name and type of the value at `index`, from 0, in a function's reply."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if index:
         return Param(f"arg{index + 1}", _ANY)

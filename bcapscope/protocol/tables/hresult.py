@@ -12,7 +12,7 @@ and 8000600B as RC7's 600B, and marks the meaning as a guess.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -36,9 +36,7 @@ E_NOT_CONNECTED = 0x80000902
 E_MAX_OBJECT = 0x80000905
 E_TOO_MUCH_DATA = 0x80000909
 E_BUSY = 0x809100AA
-"""The C server replies with this code while an earlier call of the same connection runs. The name is
-bcapscope's own, because DENSO has no name for this code.
-"""
+"""The C server's code while an earlier call of the same connection runs. The name is bcapscope's own."""
 E_NOT_IN_SLAVE_MODE = 0x83500121
 E_REFUSED_IN_SLAVE_MODE = 0x83501032
 E_SLAVE_UNDERFLOW = 0x84201482
@@ -48,9 +46,7 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels of the controller; `level_name` returns the name of an error level. DENSO's error list does
-not name levels 2 and 3, so bcapscope derives their names from the texts of the errors.
-"""
+"""Error levels. Levels 2 and 3 have no name in DENSO's error list, but one after its texts."""
 
 _ENDS_SLAVE_MODE = 3
 
@@ -68,15 +64,12 @@ class HresultInfo:
 
     Attributes:
         code: The result code, unsigned, 32 bits.
-        name: DENSO's symbol for the code; None if there is no symbol.
-        meaning: One clause that says what the code means.
-        advice: One clause that says what to do about the code; None if there is no advice.
-        level: Error level 0..5; None if the code has no level.
-        subsystem: Part of the controller that reports the code; None if unknown.
-        axis: Axis 1..8; None if the code names no axis.
-        rc7: The four-digit code of RC7 with the same meaning; None if unknown.
-        is_listed: Whether a table lists the code; False if bcapscope derived the meaning from the code's
-            digits or range.
+        name: DENSO's symbol for the code.
+        level: Error level 0..5.
+        subsystem: Part of the controller that reports the code.
+        axis: Axis 1..8.
+        rc7: The four-digit code of RC7 with the same meaning.
+        is_listed: Whether a table lists the code; its digits or range give the meaning otherwise.
         is_guess: Whether `meaning` depends on an assumption that no paper confirms.
     """
 
@@ -97,9 +90,9 @@ class HresultInfo:
 
 
 def is_failure(code: int) -> bool:
-    """Return whether a result code, signed or unsigned, reports a failure. A failure has the top bit set, or
-    is a four-digit number such as 0000600B. On RC7, any code other than S_OK is an error (DENSO Wave 2009,
-    How to use the Slave mode). Four-digit numbers never report success.
+    """Return whether a result code, signed or unsigned, reports a failure: its top bit is set, or it is a
+    four-digit number such as 0000600B. On RC7, any code other than S_OK is an error (DENSO Wave 2009, How to
+    use the Slave mode).
     """
     return bool(code & 0x80000000) or 0x1000 <= code <= 0xFFFF
 
@@ -107,9 +100,8 @@ def is_failure(code: int) -> bool:
 def ends_slave_mode(code: int) -> bool:
     """Return whether a result code, signed or unsigned, is an error that switches slave mode off.
 
-    Errors of level 3 and above switch slave mode off. On RC7, whose codes have four digits, every error
-    switches slave mode off (DENSO Wave 2009, How to use the Slave mode). A buffer overflow does not switch
-    slave mode off.
+    Errors of level 3 and above do so, except a buffer overflow. On RC7, whose codes have four digits, every
+    error does (DENSO Wave 2009, How to use the Slave mode).
     """
     code &= 0xFFFFFFFF
     if not is_failure(code) or code == E_SLAVE_OVERFLOW:
@@ -120,18 +112,14 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope treats a result code as a four-digit code of RC7. bcapscope recognises RC7's
-    codes in the forms 0000xxxx and 8000xxxx.
-    """
+    """Return whether a result code counts as a four-digit code of RC7: 0000xxxx or 8000xxxx."""
     code &= 0xFFFFFFFF
-    in_range = any(first <= code <= last for first, last, _ in _RANGES)
-    return _has_rc7_form(code) and code not in _KNOWN and not in_range
+    in_range = any(first <= code <= last for first, last, _ in RESULT_RANGES)
+    return _has_rc7_form(code) and code not in LISTED_RESULTS and not in_range
 
 
 def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
-    """Return `codes` together with RC7's codes of the same meaning, in the forms 0000xxxx and 8000xxxx. A
-    four-digit code in `codes` counts as a code of RC7.
-    """
+    """Return `codes` together with RC7's codes of the same meaning, in the forms 0000xxxx and 8000xxxx."""
     plain = frozenset(codes)
     numbers = {code for code in plain if code <= 0xFFFF}
     numbers |= {int(rc7, 16) for code in plain if (rc7 := describe_hresult(code).rc7) is not None}
@@ -139,9 +127,7 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 
 def rc7_digits_guessed(code: int) -> str | None:
-    """Return the four digits of a code of the form 8000xxxx; None for any other code. bcapscope only guesses
-    that RC7 sends codes in this form.
-    """
+    """Return the four digits of a code of the form 8000xxxx, which RC7 may send; else None."""
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
@@ -164,17 +150,14 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a result code, signed or unsigned. Only the low 32 bits count.
-
-    If the controller is an RC7 (`rc7`), the low 16 bits of an unknown code may be a four-digit code.
-    """
+    """Return the meaning of a code, signed or unsigned. If `rc7`, its low 16 bits may be RC7's code."""
     code &= 0xFFFFFFFF
-    known = _KNOWN.get(code)
+    known = LISTED_RESULTS.get(code)
     if known is not None:
         return known
-    if rc7 and code & 0xFFFF in _RC7:
+    if rc7 and code & 0xFFFF in RC7_RESULTS:
         return _info_as_rc7(code)
-    for first, last, row in _RANGES:
+    for first, last, row in RESULT_RANGES:
         if first <= code <= last:
             return _info_from_range(code, first, row)
     if _has_rc7_form(code):
@@ -182,24 +165,6 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
     if code & 0x80000000 and _has_level_digits(code):
         return _info_from_digits(code)
     return HresultInfo(code, None, Message("hresult.failure" if is_failure(code) else "hresult.success"))
-
-
-def listed_results() -> Iterable[HresultInfo]:
-    """Return the result codes that the table lists individually, not in a range."""
-    return _KNOWN.values()
-
-
-def result_ranges() -> list[tuple[int, int, str]]:
-    """Return the first code, the last code and the English meaning of each listed range of result codes.
-
-    In the text of a meaning, ``{number}`` stands for the low 16 bits of a code.
-    """
-    return [(first, last, row["text"]) for first, last, row in _RANGES]
-
-
-def rc7_results() -> Mapping[int, HresultInfo]:
-    """Return the meanings of RC7's four-digit codes."""
-    return _RC7
 
 
 def _has_level_digits(code: int) -> bool:
@@ -212,9 +177,6 @@ def level_name(level: int) -> Message:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
-    """Return the error level and the subsystem of a code. The level or the subsystem is None if the code does
-    not show it.
-    """
     if not _has_level_digits(code):
         return None, None
     part = code >> 20 & 0xF
@@ -257,7 +219,7 @@ def _has_rc7_form(code: int) -> bool:
 
 def _info_as_rc7(code: int) -> HresultInfo:
     low = code & 0xFFFF
-    found = _RC7.get(low)
+    found = RC7_RESULTS.get(low)
     if found is not None:
         return replace(found, code=code, is_guess=True)
     digits = f"{low:04X}"
@@ -265,9 +227,7 @@ def _info_as_rc7(code: int) -> HresultInfo:
 
 
 def _info_from_row(code: int, row: dict[str, str], axis: int | None = None) -> HresultInfo:
-    """Return the meaning of a listed code. `row` is the row of the code in the table. Codes that differ
-    only in the axis may share one row.
-    """
+    """Return the meaning of a listed code. Codes that differ only in the axis may share one row."""
     level, subsystem = _level_and_subsystem(code)
     key = f"hresult.{code:08X}" if axis is None else f"hresult.axis.{code & ~0xF:08X}"
     meaning = Message.from_table(key, row["text"])
@@ -297,30 +257,30 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map RC7's four-digit codes to their meanings. If several RC8 codes have the same RC7 code, use the
-    first RC8 code.
-    """
+    """Map RC7's four-digit codes to their meanings; the first RC8 code with an RC7 code counts."""
     table: dict[int, HresultInfo] = {}
     for row in _ROWS:
         if len(row["code"]) == 4:
             code = int(row["code"], 16)
             axis = code & 0xF if code & 0xFFF0 == 0x6410 else None
             table[code] = replace(_info_from_row(code, row), axis=axis, rc7=row["code"])
-    for result in _KNOWN.values():
+    for result in LISTED_RESULTS.values():
         if result.rc7 is not None:
             table.setdefault(int(result.rc7, 16), result)
     return table
 
 
 _ROWS = list(table_rows("hresults"))
-_RANGES = [
+RESULT_RANGES = [
     (int(first, 16), int(last, 16), row)
     for row in _ROWS
     for first, _, last in [row["code"].partition("-")]
     if last
 ]
-_KNOWN = _build_table()
-_RC7 = _build_rc7_table()
+"""First code, last code and table row of each range. ``{number}`` in a text is a code's low 16 bits."""
+LISTED_RESULTS = _build_table()
+RC7_RESULTS = _build_rc7_table()
+"""Meanings of RC7's four-digit codes."""
 
 CODE_BY_NAME = {row["name"]: int(row["code"], 16) for row in _ROWS if row["name"]}
 """The result code for each symbol, such as E_HANDLE."""

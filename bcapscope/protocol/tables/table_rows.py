@@ -8,11 +8,8 @@ from itertools import zip_longest
 
 
 def table_rows(name: str, folder: str = os.path.dirname(__file__)) -> Iterator[dict[str, str]]:
-    """Yield each row of the table `name`.tsv in `folder` as a dictionary from column name to cell. A blank
-    cell is "".
-
-    Lines that begin with ``#`` are comments. The first line that is not a comment has the names of the
-    columns.
+    """Yield each row of a table as a dictionary from column name to cell. A blank cell is "". Lines that
+    begin with ``#`` are comments; the first other line names the columns.
     """
     with open(os.path.join(folder, f"{name}.tsv"), encoding="utf-8") as table:
         header, *rows = (line.rstrip("\n").split("\t") for line in table if not line.startswith("#"))

@@ -12,7 +12,5 @@ _SEPARATORS = re.compile(r"[^a-z0-9]+")
 
 @lru_cache(1024)
 def table_message(english: str) -> Message:
-    """Turn an English text from a protocol table into a translatable message. The id of the message is
-    derived from the text.
-    """
+    """Turn an English text from a protocol table into a message; its id is derived from the text."""
     return Message.from_table(f"table.{_SEPARATORS.sub('-', english.lower()).strip('-')}", english)

@@ -20,8 +20,7 @@ class VariableKind:
     """A variable, or a family of numbered variables such as `I0`, `I1` and so on.
 
     Attributes:
-        name: DENSO's name of the variable; for a family, without the number.
-        is_numbered: Whether clients append a number or `*` to the name.
+        name: DENSO's name of the variable; for a family, without the number or `*` that clients append.
         types: Possible types of the value, such as `VT_R4|VT_ARRAY`; () if no source says.
     """
 
@@ -42,16 +41,13 @@ def _variable(row: dict[str, str]) -> VariableKind:
 
 
 VARIABLES = tuple(_variable(row) for row in table_rows("variables"))
-"""All known variables."""
 
 _BY_KEY = {(kind.owner, kind.name.casefold(), kind.is_numbered): kind for kind in VARIABLES}
 _NUMBERED_NAME = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
 
 
 def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
-    """Find a variable by its object's class and its name, ignoring case; return None if the variable is
-    unknown.
-    """
+    """Find a variable, ignoring case; return None if it is unknown."""
     folded = name.casefold()
     match = _NUMBERED_NAME.fullmatch(folded)
     if match:
@@ -60,11 +56,10 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have.
+    """Return the strongest effect that writing a variable can have. `name` is "" if the name is unknown.
 
-    `name` is the variable's name in upper or lower case, or "" if the name is unknown. A program on the
-    controller may wait for any variable, so a write has the effect `MOVES`. Only writes
-    to @SERVO_ON and @STOP have weaker effects: @SERVO_ON switches the motor, and @STOP stops a task.
+    A program on the controller may wait for any variable, so a write has the effect `MOVES`. Only writes to
+    @SERVO_ON, which switches the motor, and @STOP, which stops a task, have weaker effects.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():

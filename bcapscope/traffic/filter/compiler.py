@@ -65,7 +65,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn, TypeAlias, TypeVar
 
 from bcapscope.messages import Message
-from bcapscope.traffic.filter import operands
+from bcapscope.traffic.filter import matching, operands
 from bcapscope.traffic.filter.field_table import (
     FIELD_BY_NAME,
     SINCE_FIRST,
@@ -73,15 +73,7 @@ from bcapscope.traffic.filter.field_table import (
     RecordKind,
     fields_of,
 )
-from bcapscope.traffic.filter.matching import (
-    COMPARISONS,
-    ORDERINGS,
-    Match,
-    all_of,
-    any_of,
-    element,
-    is_number,
-)
+from bcapscope.traffic.filter.matching import Match
 from bcapscope.traffic.filter.operands import ComparedField
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, tokenize, with_nearest
 
@@ -97,13 +89,11 @@ Test: TypeAlias = Callable[[Any], bool]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A valid filter expression. `bind` turns the expression into a test that reads the fields with getters.
+    """A valid filter expression. `bind` needs getters with the `getter_names`.
 
     Attributes:
-        getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
-        unknown_values: Values in the expression that are missing from bcapscope's tables. An unknown value
-            may be valid, or a typing mistake that makes the filter select nothing.
+        unknown_values: Values that are missing from bcapscope's tables; they may be typing mistakes.
     """
 
     expression: str
@@ -118,11 +108,9 @@ class Filter:
         """Return a function that tests a record. The function raises only exceptions that a getter raises.
 
         Args:
-            getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
-                as `FieldType` specifies. Additional getters are ignored. `bind` creates a missing getter of
-                `t`.
-            first_time: Function that returns the zero point of `t`, ns since 1970; None to use the time of
-                the first tested record.
+            getters: Additional getters are ignored. `bind` creates a missing getter of `t`.
+            first_time: Returns the zero point of `t`, ns since 1970; None for the time of the first tested
+                record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -134,24 +122,22 @@ class Filter:
         return test if first_time is not None else lambda record: elapsed.note(record) and test(record)
 
 
+@dataclass
 class _ElapsedTime:
-    """The getter of `t`."""
-
-    def __init__(self, time_of: Callable[[Any], object], first_time: Callable[[], int] | None) -> None:
-        self._time_of = time_of
-        self._first_time = first_time
-        self._noted: int | None = None
+    time_of: Callable[[Any], object]
+    first_time: Callable[[], int] | None
+    noted: int | None = None
 
     def note(self, record: object) -> bool:
         """Start `t` at the time of the first record. Return True for every record."""
-        time = self._time_of(record)
-        if self._noted is None and isinstance(time, int):
-            self._noted = time
+        time = self.time_of(record)
+        if self.noted is None and isinstance(time, int):
+            self.noted = time
         return True
 
     def of_record(self, record: object) -> int | None:
-        time = self._time_of(record)
-        first = self._noted if self._first_time is None else self._first_time()
+        time = self.time_of(record)
+        first = self.noted if self.first_time is None else self.first_time()
         return time - first if isinstance(time, int) and first is not None else None
 
 
@@ -201,7 +187,7 @@ class _Parser:
         return token
 
     def accept(self, sign: str, word: str = "") -> bool:
-        """Consume the next token if it is this sign or word; return whether a token was consumed."""
+        """Consume the next token if it is this sign or word; return whether it was consumed."""
         found = self.peek().is_sign(sign) or self.peek().is_word(word)
         self.position += found
         return found
@@ -217,13 +203,13 @@ class _Parser:
         tests = [self.parse_and()]
         while self.accept("||", "or"):
             tests.append(self.parse_and())
-        return any_of(tests)
+        return matching.any_of(tests)
 
     def parse_and(self) -> Test:
         tests = [self.parse_not()]
         while self.accept("&&", "and"):
             tests.append(self.parse_not())
-        return all_of(tests)
+        return matching.all_of(tests)
 
     def parse_not(self) -> Test:
         negated = False
@@ -255,9 +241,7 @@ class _Parser:
         return lambda record: match(read(record)) is True
 
     def parse_subject(self) -> tuple[ComparedField, list[int]]:
-        """Consume a field name and its indexes. Return the left side of the comparison, and the list of
-        indexes.
-        """
+        """Consume a field name and its indexes; return the left side of the comparison and the indexes."""
         token = self.advance()
         if token.kind is not TokenKind.WORD:
             case = "filter.no-field-but" if token.text else "filter.no-field"
@@ -292,19 +276,17 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Parse the rest of a comparison of `subject` with another field, such as `< reserved`. Return a
-        function that tests a record. Consume nothing and return None if no comparison with a field of the
-        same numeric type follows.
-        """
+        """Parse a comparison with a field of the same numeric type; None, and nothing consumed, otherwise."""
         sign = self.peek()
-        if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
+        if not (sign.is_sign(*matching.COMPARISONS) and subject.type in operands.NUMERIC):
             return None
         name = self.tokens[self.position + 1]
         found = self.fields.get(name.text) if name.kind is TokenKind.WORD else None
         if found is None or found.type is not subject.type:
             return None
         self.position += 2
-        compare, read_other = COMPARISONS[sign.text], self.getter(found)
+        compare, read_other = matching.COMPARISONS[sign.text], self.getter(found)
+        is_number = matching.is_number
 
         def test(record: Any) -> bool:
             value, limit = read(record), read_other(record)
@@ -313,14 +295,12 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. For a field without a comparison sign, return the
-        built-in `bool`.
-        """
+        """Consume a comparison sign and its operand. Without a comparison sign, return `bool`."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()
             return self.equality(subject, [self.advance()], negated=sign.text == "!=")
-        if sign.is_sign(*ORDERINGS):
+        if sign.is_sign(*matching.ORDERINGS):
             self.advance()
             self.warnings += operands.doubts(subject, sign.text, self.peek())
             return operands.order(subject, sign.text, self.advance())
@@ -362,6 +342,7 @@ class _Parser:
 def _reader(get: Callable[[Any], object], path: Sequence[int]) -> Callable[[Any], object]:
     if not path:
         return get
+    element = matching.element
 
     def read(record: Any) -> object:
         value = get(record)

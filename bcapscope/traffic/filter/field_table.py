@@ -1,8 +1,4 @@
-"""The fields of the filter syntax (`fields.tsv`), for the compiler and for the help.
-
-The field names are the same as in the JSON of `decode` and `calls`. The getter of a field returns a value of
-the field's type, or None if the record has no such value.
-"""
+"""The fields of the filter syntax (`fields.tsv`), named as in the JSON of `decode` and `calls`."""
 
 from __future__ import annotations
 
@@ -20,8 +16,6 @@ from bcapscope.traffic.reserved_field import ReservedConvention
 
 
 class RecordKind(StrEnum):
-    """Kind of record that a filter tests."""
-
     FRAME = "frame"
     CALL = "call"
 
@@ -68,9 +62,6 @@ class FilterField(NamedTuple):
     """One field of the filter syntax.
 
     Attributes:
-        type: Type of the field's values. The type determines which comparisons are permitted.
-        applies_to: Kinds of record that have the field.
-        meaning: Description of the field in the help.
         unit: Unit assumed for a number that is written without a unit; "" if the field has no unit.
         values: All words that the field can have as its value; () if it can have any word.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
@@ -92,7 +83,6 @@ class FilterField(NamedTuple):
 
 
 SINCE_FIRST = "t"
-"""Name of the field with the time since the first frame. `Filter.bind` makes its getter."""
 
 
 def _known_commands() -> frozenset[str]:
@@ -130,7 +120,6 @@ def _field(row: dict[str, str]) -> FilterField:
 
 
 FIELDS = tuple(map(_field, table_rows("fields", os.path.dirname(__file__))))
-"""All fields, in the order in which the help lists them."""
 
 FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field for field in FIELDS})
 

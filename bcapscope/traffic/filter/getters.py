@@ -72,9 +72,7 @@ class AnnotatedFrame(NamedTuple):
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as ``slvMove``; None for any other function, or if the command
-        is unknown.
-        """
+        """Command of an Execute function, such as ``slvMove``; None for any other, or if unknown."""
         return None if self.call_kind is None else self.call_kind.command
 
     @property
@@ -104,32 +102,25 @@ def _of_hresult(read: Callable[[int], object]) -> Callable[[AnnotatedFrame | Cal
 FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "frame": lambda told: told.observation.number,
     "packet": lambda told: told.observation.packet,
-    "time": lambda told: told.observation.time,
     "src": lambda told: told.observation.flow.src,
     "dst": lambda told: told.observation.flow.dst,
     "client": lambda told: told.observation.flow.conversation.client,
     "server": lambda told: told.observation.flow.conversation.server,
     "transport": lambda told: told.observation.flow.conversation.transport,
-    "kind": lambda told: told.kind,
     "length": _length,
     "serial": _of_frame(lambda frame: frame.serial),
     "reserved": _of_frame(lambda frame: frame.reserved),
     "function_id": lambda told: None if told.call_kind is None else told.call_kind.function_id,
-    "function": lambda told: told.function,
-    "command": lambda told: told.command,
     "arg": _of_frame(lambda frame: frame.arguments),
-    "hresult": lambda told: told.hresult,
     "hresult_name": _of_hresult(hresult_name),
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
-    "problems": lambda frame: [str(problem.reason) for problem in frame.observation.item.problems],
+    "problems": lambda told: [str(problem.reason) for problem in told.problems],
+    **{name: attrgetter(name) for name in ("time", "kind", "function", "command", "hresult")},
 }
-"""Getter of each frame field, by name."""
 
 
 def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], object]:
-    """Return a getter for an address of a call. If a proxy forwarded the call, the getter returns the
-    addresses on both legs.
-    """
+    """Return a getter for an address of a call, or for the addresses on both legs of a proxy."""
 
     def get(call: Call) -> object:
         near, far = call.conversation, call.conversation.controller_leg
@@ -160,4 +151,3 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "captured_again": lambda call: [seen.number for seen in call.captured_again],
     **{name: attrgetter(name) for name in _CALL_ATTRIBUTES.split()},
 }
-"""Getter of each call field, by name."""

@@ -1,6 +1,4 @@
-"""Create the functions with which a filter tests values. Each function accepts one value of any type, and
-raises no exception.
-"""
+"""Create the functions with which a filter tests values of any type. These functions raise no exception."""
 
 from __future__ import annotations
 
@@ -18,8 +16,7 @@ from bcapscope.traffic.observation import Endpoint
 
 Match: TypeAlias = Callable[[object], bool | None]
 """Returns whether a value matches. If value and literal have different types, a test for equality returns
-None, and every other test returns False. If a test for equality returns None, the comparisons == and != are
-both false.
+None, so that == and != are both false, and every other test returns False.
 """
 
 Number: TypeAlias = "int | float | Fraction"
@@ -39,20 +36,17 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Maximum length in characters of a text whose test result is cached. The limit keeps a hostile client from
-filling the memory. Real names, commands and endpoints are shorter than the limit.
-"""
+"""Maximum length of a text whose test result is cached, so that no client can fill the memory."""
 
 
 def plain_value(value: object) -> object:
-    """Return the value inside an argument or a VARIANT."""
     while isinstance(value, (Argument, Variant)):
         value = value.value if isinstance(value, Variant) else value.variant.value
     return value
 
 
 def element(value: object, index: int) -> object:
-    """Return an element of a list as a plain value; None if the value is no list or has no such element."""
+    """Return an element of a list as a plain value; None if there is none."""
     items = elements(value)
     return plain_value(items[index]) if index < len(items) else None
 
@@ -87,18 +81,17 @@ def number(wanted: Number) -> Match:
 
 
 def boolean(wanted: bool) -> Match:
-    """Match the boolean true or false. The numbers 1 and 0 are no booleans."""
+    """The numbers 1 and 0 are no booleans."""
     return lambda value: value is wanted if isinstance(value, bool) else None
 
 
 def text(wanted: str) -> Match:
-    """Match a text, ignoring case."""
     folded = wanted.casefold()
     return lambda value: value.casefold() == folded if isinstance(value, str) else None
 
 
 def code(wanted: int) -> Match:
-    """Match an HRESULT, whether the value is signed or unsigned."""
+    """Match an HRESULT, whether it is signed or unsigned."""
     unsigned = wanted & _U32
     return lambda value: value & _U32 == unsigned if _is_code(value) else None
 
@@ -108,9 +101,7 @@ def _is_code(value: object) -> TypeGuard[int]:
 
 
 def endpoint(address: Address, port: int | None) -> Match:
-    """Match an IP address and a port, or any port if `port` is None. A call through a proxy has one address
-    per leg in a tuple; one of these addresses must match.
-    """
+    """Match an IP address, on either leg if a proxy forwarded the call, and a port; None for any port."""
 
     def match(value: object) -> bool | None:
         if type(value) is tuple:
@@ -139,25 +130,17 @@ def _parse_endpoint(written: str) -> tuple[Address, int | None] | None:
         port = port[1:] if port else ""
     elif written.count(":") == 1:
         host, _, port = written.partition(":")
+    port_number = parse_integer(port, 0, 0xFFFF)
+    if port and port_number is None:
+        return None
     try:
-        return ipaddress.ip_address(host), _parse_port(port)
+        return ipaddress.ip_address(host), port_number
     except ValueError:
         return None
 
 
-def _parse_port(written: str) -> int | None:
-    if not written:
-        return None
-    port = parse_integer(written, 0, 0xFFFF)
-    if port is None:
-        raise ValueError(written)
-    return port
-
-
 def equality(wanted: Sequence[Match], negated: bool) -> Match:
-    """Match a value that equals one of the `wanted` literals. If `negated` is True, match a value that equals
-    no literal. A value whose type fits no literal never matches.
-    """
+    """Match one of the `wanted` literals or, if `negated`, none. A value of another type never matches."""
     if not negated:
         return any_of(wanted)
     if len(wanted) == 1:
@@ -198,15 +181,13 @@ def all_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Match a number for which the comparison with `wanted` is true. `sign` is <, <=, > or >=. NaN and values
-    of other types never match.
-    """
+    """Match a number for which the comparison with `wanted` is true; NaN never matches."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Match an HRESULT if its comparison with `wanted` is true. If `signed`, both numbers are signed."""
+    """Match an HRESULT if its comparison with `wanted` is true."""
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip
@@ -224,9 +205,8 @@ def contains(wanted: str | int | float) -> Match:
 def _has_number(wanted: int | float) -> Match:
     """Match a list that contains the number `wanted`.
 
-    A frame can contain 260,000 numbers. The proxy forwards nothing while it searches a frame for a number, so
-    the search must be fast. The operator `in` searches 65,536 numbers in a millisecond. All elements of a
-    list in a frame have the same type.
+    The proxy forwards nothing while it searches a frame, which can contain 260,000 numbers. The operator `in`
+    searches 65,536 numbers in a millisecond. All elements of a list in a frame have the same type.
     """
     equal = number(wanted)
     is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
@@ -243,13 +223,10 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Return a function that searches a text, or each text of a list, for the regular expression `pattern`.
-
-    With any regular expression, RE2 needs a time proportional to the length of the text.
+    """Return a function that searches a text, or each text of a list, for an RE2 expression.
 
     Raises:
-        ValueError: RE2 rejects the expression. The exception has two arguments: RE2's reason and the invalid
-            part of the expression.
+        ValueError: Its two arguments are RE2's reason and the invalid part of the expression.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

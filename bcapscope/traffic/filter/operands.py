@@ -1,7 +1,4 @@
-"""Compile the right side of a comparison: convert its tokens to a test that fits the field's type.
-
-Every function raises a `FilterError` if the field of the comparison cannot be compared with the token.
-"""
+"""Compile the right side of a comparison. Every function raises a `FilterError` if the field does not fit."""
 
 from __future__ import annotations
 
@@ -20,15 +17,13 @@ from bcapscope.traffic.filter.matching import Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds per unit. The prefix micro can be written as u, as the micro sign or as the Greek letter mu."""
+"""Nanoseconds per unit. The prefix micro can be u, the micro sign or the Greek letter mu."""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Smallest plausible capture time: 1973-03-03, as ns since 1970. In a filter, a time between 1970 and this
-time is probably a mistake.
-"""
+"""1973-03-03, as ns since 1970. An earlier time in a filter is probably a mistake."""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -38,14 +33,8 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison.
-
-    Attributes:
-        expression: The whole filter expression, for error messages.
-        field: Field at the start of the left side, without indexes.
-        type: Type of the left side's values: the type of the field, or of the element that the indexes
-            select.
-        start: Index of the left side's first character in `expression`.
+    """The left side of a comparison, from index `start` of the whole filter `expression`. `type` is the type
+    of the field, or of the element that the indexes select.
     """
 
     expression: str
@@ -59,34 +48,28 @@ class ComparedField(NamedTuple):
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
-    def fail(self, reason: Message) -> NoReturn:
-        self.fail_at(self.start, reason)
-
     def fail_at(self, place: Token | int, reason: Message) -> NoReturn:
         raise FilterError(self.expression, place if isinstance(place, int) else place.start, reason)
 
 
 def equality(compared: ComparedField, literals: Sequence[Token], negated: bool) -> Match:
-    """Compile ``==``, ``!=``, ``in`` and ``not in``."""
     return matches.equality([_literal_match(compared, literal) for literal in literals], negated)
 
 
 def order(compared: ComparedField, sign: str, literal: Token) -> Match:
-    """Compile ``<``, ``<=``, ``>`` and ``>=``."""
     check_literal(compared, literal)
     if compared.type is FieldType.HRESULT:
         signed = literal.kind is TokenKind.NUMBER and not _is_hex(literal) and int_of(literal) < 2**31
         return matches.code_order(sign, _code(compared, literal), signed)
     if compared.type in NUMERIC or compared.type is FieldType.VALUE:
         return matches.order(sign, _number(compared, literal))
-    compared.fail(compared.mismatch("no-order"))
+    compared.fail_at(compared.start, compared.mismatch("no-order"))
 
 
 def contains(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``contains``."""
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
-        compared.fail(compared.mismatch("contains-nothing"))
+        compared.fail_at(compared.start, compared.mismatch("contains-nothing"))
     if compared.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and compared.type in (FieldType.VALUE, FieldType.VALUES)
     ):
@@ -100,9 +83,8 @@ def contains(compared: ComparedField, literal: Token) -> Match:
 
 
 def search(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``~``."""
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
-        compared.fail(compared.mismatch("search-needs-text"))
+        compared.fail_at(compared.start, compared.mismatch("search-needs-text"))
     check_literal(compared, literal)
     if literal.kind not in (TokenKind.TEXT, TokenKind.WORD):
         compared.fail_at(literal, Message("filter.search-quotes"))
@@ -126,9 +108,7 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message if the literal is not among the known values of the field. The message may suggest the
-    most similar known value.
-    """
+    """Yield a message if the literal is not among the known values of the field."""
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)
@@ -142,11 +122,7 @@ def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
 
 
 def check_literal(compared: ComparedField, token: Token) -> None:
-    """Check that a token is a literal value.
-
-    Raises:
-        FilterError: The token is a sign, a reserved word, or the end of the expression.
-    """
+    """Raise a `FilterError` if a token is a sign, a reserved word, or the end of the expression."""
     if token.kind is TokenKind.END:
         compared.fail_at(token, Message("filter.no-operand", name=compared.name))
     if token.kind is TokenKind.SIGN:

@@ -66,13 +66,7 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """One token of a filter expression.
-
-    Attributes:
-        text: Text of the token, without quotes and without the unit of a number. Escapes are resolved.
-        stop: Index of the first character after the token.
-        unit: Unit of a number, such as ``ms``; "" if there is none. A space may precede a unit of time.
-    """
+    """One token of a filter expression. Its `text` has no quotes and no unit; escapes are resolved."""
 
     kind: TokenKind
     text: str
@@ -84,7 +78,7 @@ class Token(NamedTuple):
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
-        """Return whether the token is one of these keywords, in upper or lower case."""
+        """Return whether the token is one of these keywords, ignoring case."""
         return self.kind is TokenKind.WORD and self.text.casefold() in texts
 
 
@@ -117,11 +111,7 @@ def tokenize(expression: str) -> list[Token]:
         FilterError: The expression is too long, or contains an unexpected character.
     """
     if len(expression) > LONGEST_EXPRESSION:
-        raise FilterError(
-            expression,
-            LONGEST_EXPRESSION,
-            Message("input.too-long", limit=LONGEST_EXPRESSION),
-        )
+        raise FilterError(expression, LONGEST_EXPRESSION, Message("input.too-long", limit=LONGEST_EXPRESSION))
     tokens = []
     position = 0
     while position < len(expression):

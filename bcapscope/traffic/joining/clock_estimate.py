@@ -1,9 +1,8 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
 The clock offset is the time by which the controller-side clock is ahead of the client-side clock. Each
-request gives an upper bound for the clock offset, because a request cannot arrive before the client sent it.
-Each reply gives a lower bound for the clock offset, because a reply cannot arrive before the controller sent
-it. The estimated clock offset is between the tightest upper bound and the tightest lower bound.
+request gives an upper bound, because it cannot arrive before the client sent it, and each reply gives a lower
+bound. The estimate is between the tightest bounds.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ MAX_DRIFT = 200e-6
 """Maximum drift between two clocks, as a ratio. The quartz of a PC is off by at most 100 ppm."""
 
 _STEPS = 60
-"""Number of steps of a numerical search. Each step narrows the searched range by at least a third."""
+"""Number of steps of a numerical search; each narrows the searched range by at least a third."""
 
 UNKNOWN_ERROR_NS = 1_000_000_000
 """Assumed uncertainty in ns of the clock offset if no time segment has both requests and replies."""
@@ -29,12 +28,11 @@ class ClockEstimate(NamedTuple):
     """Estimate of the time by which the controller-side clock is ahead of the client-side clock.
 
     Attributes:
-        points: Pairs of a time and the offset at this time. The time is in ns since 1970, by the
-            controller-side clock. The offset is in ns. Between and beyond the points, the offset changes
-            linearly.
+        points: Pairs of a time, in ns since 1970 by the controller-side clock, and the offset at this time in
+            ns. Between and beyond the points, the offset changes linearly.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
         drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is a lead of one microsecond
-            per second. `drift` is None if the traffic does not show the drift.
+            per second. None if unknown.
     """
 
     points: tuple[tuple[int, int], ...]
@@ -42,7 +40,7 @@ class ClockEstimate(NamedTuple):
     drift: float | None = None
 
     def offset_at(self, time: int) -> int:
-        """Return the offset in ns at the time `time` of the controller-side clock."""
+        """Return the offset in ns at a time of the controller-side clock."""
         points = self.points
         if len(points) == 1:
             return points[0][1]
@@ -63,14 +61,13 @@ class ClockEstimator:
         self._least = _UpperBound()  # of the negative offset
 
     def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
-        """Add a frame with its time at each place, in ns since 1970 by the clock of that place."""
+        """Add a frame with its time, in ns since 1970, by the clock of each place."""
         if is_request:
             self._most.add(at_controller, at_controller - at_client)
         else:
             self._least.add(at_controller, at_client - at_controller)
 
     def estimate(self) -> ClockEstimate | None:
-        """Return the estimate; None if no frame was added."""
         most, least = self._most.corners, self._least.corners
         if not most and not least:
             return None
@@ -80,9 +77,7 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for clocks whose drift changes. In each time segment, the estimate is midway
-        between the lowest upper bound and the highest lower bound of the offset.
-        """
+        """Return an estimate for changing drift: the middle between the bounds in each time segment."""
         most, least = self._most.lowest, self._least.lowest
         middles, error = {}, 0
         for segment in sorted(most.keys() & least.keys()):
@@ -99,9 +94,8 @@ class _UpperBound:
     """An upper bound for the offset between two clocks. Call `add` in order of time.
 
     Attributes:
-        corners: Corners of the lower convex hull of the values, as pairs of time and value in order of time.
-        lowest: Maps the number of each time segment to the lowest value in the segment, with the time of this
-            value.
+        corners: Corners of the lower convex hull of the values: pairs of time and value.
+        lowest: For each time segment, its lowest value and the time of this value.
     """
 
     def __init__(self) -> None:
@@ -123,11 +117,7 @@ class _UpperBound:
 
 
 class _OffsetBounds:
-    """Upper and lower bounds for the offset between two clocks at several times.
-
-    `straight_line` finds an offset that changes linearly with time and stays within the bounds. The private
-    methods use times relative to `_began` and offsets relative to `_offset`.
-    """
+    """Bounds for the clock offset. Private methods use times since `_began` and offsets from `_offset`."""
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
         self._began = min(most[0][0], least[0][0])
@@ -184,9 +174,7 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound` at which the concave function `value` is not negative. `value` is
-    not negative at `sound`, where the search begins.
-    """
+    """Return the number nearest to `bound` at which the concave `value`, as at `sound`, is not negative."""
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

@@ -15,17 +15,14 @@ FEWEST_SHARED = 4
 """Minimum number of frames that two samples of the same conversation have in common."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum difference in ns between one frame's time offset and the median time offset. A frame's time offset
-is its time in the second capture minus its time in the first capture. A larger difference shows two different
-frames with equal bytes, such as polls with a reused serial.
+"""Maximum difference in ns between the time offset of one frame, from the first to the second capture, and
+the median. A larger difference shows different frames with equal bytes, such as polls with a reused serial.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures whose times do not overlap. `SURE_FRAMES` and `SURE_SHARE` are the
-minimum number and the minimum fraction of frames that the two samples have in common. `SURE_SPREAD_NS` is the
-maximum spread of the frames' offsets, ns. The spread is the median of the deviations from the median offset.
-Captures without overlap hold equal frames if a clock was wrong, or if the client executed a program twice. A
-client that repeats a program normally changes its port, the sent values or the pauses between frames.
+"""Conditions for joining two captures whose times do not overlap: the minimum number and the minimum fraction
+of frames in common, and the maximum median deviation from the median offset, ns. Such captures share frames
+if a clock was wrong. If a program was executed twice, its port, values or pauses normally differ.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
@@ -38,13 +35,10 @@ class SharedConversation(NamedTuple):
     """A conversation that two captures hold.
 
     Attributes:
-        ends: Client, controller and transport in the first capture, then in the second capture. The addresses
-            differ between the captures if a proxy or a router is between the two capture points.
+        ends: The ends in the first and in the second capture, which differ if a proxy or a router is between.
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
-        request_offset: Offset measured on requests only; None if the captures have no request in common.
-        reply_offset: Offset measured on replies only; None if the captures have no reply in common.
-        is_sure: Whether the evidence suffices even if the clocks say that one capture ended before the other
-            began.
+        request_offset: Offset measured on requests only; None if the captures have none in common.
+        is_sure: Whether the evidence suffices even if the clocks say that the captures do not overlap.
     """
 
     ends: tuple[ConversationEnds, ConversationEnds]
@@ -55,11 +49,7 @@ class SharedConversation(NamedTuple):
 
 
 class FrameSample:
-    """A sample of the frames of one capture.
-
-    Attributes:
-        frames: Maps a conversation, a direction and the bytes of a frame to the time of the first such frame.
-    """
+    """A sample of the frames of one capture, each with the time at which it first occurred."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -76,7 +66,6 @@ def ends_of(conversation: Conversation) -> ConversationEnds:
 
 
 def find_shared(one: FrameSample, other: FrameSample) -> list[SharedConversation]:
-    """Return the conversations that both samples hold."""
     found = (
         _compare((ends, other_ends), frames, other_frames)
         for ends, frames in one.frames.items()

@@ -21,17 +21,14 @@ class CapturePlace(IntEnum):
 
 class JoinedObservation(Observation):
     """One frame of a conversation that was captured at two places. A sighting is the frame as captured at one
-    place. The inherited fields are from the sighting at the client's side. If the client's side lacks the
-    frame, the inherited fields are from the sighting at the controller's side. The endpoints in `flow` are
-    usually those at the client's side.
+    place; it is None if that place lacks the frame. The inherited fields are from the sighting at the
+    client's side or, without it, at the controller's side. The endpoints in `flow` are usually those at the
+    client's side.
 
     Attributes:
-        at_client: Sighting at the client's side; None if the frame was not captured there.
-        at_controller: Sighting at the controller's side; None if the frame was not captured there.
         is_missed: Whether one place lacks the frame although traffic was being captured at both places.
         is_relayed: Whether a proxy is between the two places.
-        note: What a proxy did to the frame, from the comment on the packet; "" if the proxy did not change
-            the frame.
+        note: What a proxy did to the frame; "" for nothing.
         delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
     """
 
@@ -72,7 +69,6 @@ class JoinedObservation(Observation):
         return (self.delay or 0) if self.is_relayed else 0
 
     def sightings(self) -> Iterator[Observation]:
-        """Yield the sightings, beginning with the sighting at the client's side."""
         for sighting in (self.at_client, self.at_controller):
             if sighting is not None:
                 yield sighting
@@ -99,24 +95,17 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a copy of `joined` with another frame number. `joined` must have no sighting at the client's
-    side.
-    """
+    """Return a copy of `joined`, which was captured only at the controller's side, with another number."""
     assert joined.at_client is None
     assert joined.at_controller is not None
-    return join_sightings(
-        None,
-        joined.at_controller._replace(number=number),
-        joined.flow,
-        is_missed=joined.is_missed,
-        is_relayed=joined.is_relayed,
-        note=joined.note,
-        delay_error=joined.delay_error,
-    )
+    copy = joined._replace(number=number)
+    vars(copy).update(vars(joined))
+    copy.at_controller = joined.at_controller._replace(number=number)
+    return copy
 
 
 def sighting_numbers(observation: object) -> tuple[int, ...]:
-    """Return the frame numbers of an observation: one number for each place that captured the observation."""
+    """Return the frame number at each place that captured the observation."""
     if isinstance(observation, JoinedObservation):
         return tuple(sighting.number for sighting in observation.sightings())
     return (observation.number,) if isinstance(observation, Observation) else ()

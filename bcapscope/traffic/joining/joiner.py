@@ -1,6 +1,4 @@
-"""Join the observations of each conversation that was captured at several places. Return all observations in
-order of time.
-"""
+"""Find and join the observations of each conversation that was captured at several places."""
 
 from __future__ import annotations
 
@@ -23,43 +21,32 @@ HELD_NS = 1_000_000_000
 """Maximum time in ns for which a new conversation is held while the joiner looks for its other leg."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
-"""Maximum time in ns for which a conversation without any reply is held. If the proxy dropped the first
-requests, the client retries within this time (`pairing_windows.RETRY_WITHIN_NS`).
-"""
+"""The same without any reply. A client whose requests were dropped retries within `RETRY_WITHIN_NS`."""
 
 MAX_WAITING = 32768
-"""Maximum number of waiting observations. Beyond this limit, the joiner decides immediately whether each held
-conversation has a second leg.
-"""
+"""Beyond this number of waiting observations, all held conversations are decided immediately."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which the joiner stops waiting for another conversation with the same
-requests. A proxy forwards each request to the controller before the client gets the reply.
+"""Number of answered calls after which a second leg can no longer appear, because a proxy forwards each
+request to the controller before the client gets the reply.
 """
 
 MAX_NEW = 1024
-"""Maximum number of conversations that the joiner holds at the same time."""
 
 MAX_SUSPECTS = 32
-"""Maximum number of conversations with which the joiner compares one new conversation."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that the joiner remembers. Beyond the limit, the joiner forgets all
-remembered conversations.
-"""
+"""Maximum number of remembered conversations. Beyond the limit, the joiner forgets all of them."""
 
 MAX_JOINED = 256
-"""Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest conversation.
-"""
+"""Maximum number of joined conversations. Beyond the limit, the joiner stops joining the oldest one."""
 
 MAX_SENDERS = 16
-"""Maximum number of conversations that the joiner remembers and compares for one request."""
 
 MAX_REQUESTS = 65536
-"""Maximum number of requests that the joiner remembers, to find the same request in new conversations."""
 
 _REQUEST = Direction.REQUEST
 
@@ -103,13 +90,10 @@ class _NewConversation:
 class Joiner(LegJoiner):
     """Finds and joins the two legs of a proxied conversation, which a capture holds as two conversations.
 
-    The joiner delays a new conversation while the second leg of this conversation may still appear. The delay
-    is at most `HELD_NS`, or `HELD_UNANSWERED_NS` for a conversation without a reply. The joiner returns
-    observations of joined conversations as `JoinedObservation`, and all other observations unchanged.
-
-    Attributes:
-        passing: Flows of conversations without a second leg. Callers need not add observations of a flow in
-            `passing`, because `add` would return each observation immediately.
+    The joiner delays a new conversation by at most `HELD_NS`, or `HELD_UNANSWERED_NS` without a reply, while
+    its second leg may still appear. It returns observations of joined conversations as `JoinedObservation`,
+    and all others unchanged. Callers need not add observations of the flows in `passing`, whose conversations
+    have no second leg, because `add` would return each one immediately.
     """
 
     def __init__(
@@ -119,8 +103,7 @@ class Joiner(LegJoiner):
 
         Args:
             comments: Comments on the latest packets, by packet number.
-            only: The only place whose observations the joiner returns, unjoined; None to join the
-                observations of both places. `only` does not affect conversations without a second leg.
+            only: The only place whose observations the joiner returns, unjoined; None to join both places.
         """
         notes = {} if comments is None else comments
         super().__init__(lambda observation: notes.get(observation.packet, ()))
@@ -211,7 +194,7 @@ class Joiner(LegJoiner):
             self._decide(new)
 
     def _find_suspects(self, new: _NewConversation, request: Observation) -> None:
-        """Record which other conversations have the same request as the new conversation."""
+        """Note which other conversations have the same request as the new conversation."""
         for sender in self._note_sender(request):
             if not may_be_twins(sender, new.conversation):
                 continue
@@ -222,9 +205,7 @@ class Joiner(LegJoiner):
                 new.add_suspect(sender)
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request. Return the other conversations in which a request with the
-        same bytes was captured.
-        """
+        """Remember the conversation of a request. Return the others with a request of the same bytes."""
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -234,9 +215,6 @@ class Joiner(LegJoiner):
         return others
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its second leg. If there is no second leg, deliver the held observations
-        unchanged.
-        """
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)
@@ -262,9 +240,7 @@ class Joiner(LegJoiner):
             self._merge(each)
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Remove a conversation from the joiner's tables. Move observations that wait for delivery to
-        `twin.held`.
-        """
+        """Remove a conversation from the joiner's tables; move its waiting observations to `twin.held`."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -276,12 +252,7 @@ class Joiner(LegJoiner):
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the two legs, the client's leg first; None if there is no second leg.
-
-        Args:
-            calls: Number of nested calls (see `NestedCalls`) that suffices as evidence for two legs; 0 for
-                the number that `fewest_calls` returns.
-        """
+        """Return the two legs, the client's first. `calls` nested calls suffice; 0 for `fewest_calls`."""
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         waiting = self._waiting_traffic(new.suspects)
         for suspect in new.suspects:
@@ -299,11 +270,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the undelivered observations of each conversation in `suspects` that the joiner has already
-        released.
-
-        If the proxy dropped the client's first request, the client's leg begins long before the controller's
-        leg.
+        """Return the undelivered observations of each released conversation in `suspects`. If the proxy
+        dropped the client's first request, the client's leg begins long before the controller's leg.
         """
         single = {each for each in suspects if each in self._single and each not in self._shown_legs}
         found: dict[Conversation, _NewConversation] = {}
@@ -351,7 +319,6 @@ class Joiner(LegJoiner):
         self._next_due = min((each.due_at for each in self._new.values()), default=now)
 
     def _decide_all(self) -> None:
-        """Join or release all held conversations now, without waiting for further traffic."""
         while self._new:
             self._decide(next(iter(self._new.values())))
 

@@ -12,11 +12,7 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class RelayedObservation(Observation):
-    """A frame on one leg of a proxy.
-
-    Attributes:
-        note: What a rule of the proxy did to the frame; None if no rule changed it.
-    """
+    """A frame on one leg of a proxy. `note` says what a rule of the proxy did to it, if anything."""
 
     note: Message | None
 
@@ -39,14 +35,13 @@ class DeliveryQueue:
         heapq.heappush(self._waiting, (observation.time, observation.number, observation))
 
     def pop_until(self, time: int) -> list[Observation]:
-        """Remove and return the observations up to and including `time`, ns since 1970."""
         waiting, due = self._waiting, []
         while waiting and waiting[0][0] <= time:
             due.append(heapq.heappop(waiting)[2])
         return due
 
     def find(self, conversations: Container[Conversation]) -> dict[Conversation, list[Observation]]:
-        """Return the waiting observations of each conversation in `conversations`, in order of time."""
+        """Return the waiting observations of each conversation, in order of time."""
         found: dict[Conversation, list[Observation]] = {}
         for _, _, each in sorted(
             each for each in self._waiting if each[2].flow.conversation in conversations
@@ -55,7 +50,6 @@ class DeliveryQueue:
         return found
 
     def remove(self, conversation: Conversation) -> list[Observation]:
-        """Remove and return the observations of a conversation, in order of time."""
         removed = self.find((conversation,)).get(conversation, [])
         self._waiting = [each for each in self._waiting if each[2].flow.conversation is not conversation]
         heapq.heapify(self._waiting)
@@ -71,10 +65,7 @@ class LegJoiner:
     """Joins the legs that the caller names, and returns all observations in order of time.
 
     A frame on one leg waits at most `JOIN_WITHIN_NS` for the same frame on the other leg. All later
-    observations wait behind the waiting frame.
-
-    Attributes:
-        delivered_until: Time up to which all observations were returned, ns since 1970.
+    observations wait behind it. Up to the time `delivered_until`, ns since 1970, all were returned.
     """
 
     def __init__(self, notes_of: Callable[[Observation], Iterable[str]] = _notes_of_relay) -> None:
@@ -88,13 +79,10 @@ class LegJoiner:
 
     @property
     def is_idle(self) -> bool:
-        """True if the joiner currently joins no conversations and holds no observations. While `is_idle` is
-        True, `add` would return each observation immediately, so callers need not call `add`.
-        """
+        """True if the joiner joins and holds nothing, so that callers need not call `add`."""
         return not (self._mergers or self._queue)
 
     def join(self, client_leg: Conversation, controller_leg: Conversation) -> None:
-        """Join the two legs of a conversation, from the next observation on."""
         client_leg.controller_leg = controller_leg
         merger = PlaceMerger(client_leg, self._queue.add, self._notes_of)
         self._mergers[client_leg] = merger, CapturePlace.CLIENT_SIDE
@@ -121,15 +109,15 @@ class LegJoiner:
         return self._queue.remove(client_leg)
 
     def close(self) -> list[Observation]:
-        """Return all observations that are held, because the traffic has ended."""
         self._close_mergers()
         return self._queue.pop_all()
 
     def _merge(self, observation: Observation) -> bool:
         """Add an observation to the merger of its conversation; return False if there is no merger."""
-        merger, place = self._mergers.get(observation.flow.conversation, _NO_MERGER)
-        if merger is None:
+        found = self._mergers.get(observation.flow.conversation)
+        if found is None:
             return False
+        merger, place = found
         merger.add(observation, place)
         self._busy[merger] = None
         return True
@@ -141,9 +129,7 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to the time `until`. If a frame waits for its second sighting, return
-        only the observations before this frame.
-        """
+        """Return the observations up to a time, or before a frame that waits for its second sighting."""
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending
@@ -172,6 +158,3 @@ class LegJoiner:
 
     def _distinct_mergers(self) -> list[PlaceMerger]:
         return list(dict.fromkeys(merger for merger, _ in self._mergers.values()))
-
-
-_NO_MERGER = None, CapturePlace.CLIENT_SIDE

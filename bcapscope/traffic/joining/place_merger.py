@@ -1,6 +1,4 @@
-"""Merge the captures of one conversation from two places. Each frame occurs once in the result, with its
-sightings.
-"""
+"""Merge the captures of one conversation from two places: each frame occurs once, with its sightings."""
 
 from __future__ import annotations
 
@@ -15,32 +13,20 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObs
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns between the two sightings of a frame. After this time, a frame counts as lost between
-the two places. The delay faults of a proxy last less than this time.
-"""
+"""Maximum time in ns between two sightings, above a proxy's delay faults. Then the frame counts as lost."""
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for their second sighting. Beyond this limit, the oldest frame stops
-waiting.
-"""
+"""Beyond this number of frames that wait for their second sighting, the oldest stops waiting."""
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that the merger remembers. A frame that counted as lost may still arrive, for
-example if you release a held message.
-"""
+"""Maximum number of lost frames to remember. They may still arrive, as when you release a held message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Time span that the capture at one place covers.
-
-    Attributes:
-        begins: Time of the capture's first packet, ns since 1970; None for no limit.
-        ends: Time of the capture's last packet, ns since 1970; None for no limit.
-    """
+    """Times of the first and last packet of a capture, ns since 1970; None for no limit."""
 
     begins: int | None = None
     ends: int | None = None
@@ -48,12 +34,9 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class CapturedTwins:
-    """What bcapscope knows about the two places of a conversation before it joins the observations.
-
-    Objects of this class are compared by identity.
+    """What is known about the captures at the client's and at the controller's side. Compared by identity.
 
     Attributes:
-        coverage: When the captures at the client's and at the controller's side began and ended.
         clock_error: Uncertainty of the difference between the clocks of both captures, ns.
         is_relayed: Whether a proxy is between the places.
         client_ends: Addresses at the client's side; None if unknown.
@@ -66,12 +49,9 @@ class CapturedTwins:
 
 
 LEGS_OF_PROXY = CapturedTwins()
-"""Both legs of a proxy in one capture."""
 
 
 class CaptureSide(NamedTuple):
-    """Place at which one of two captures of a conversation was taken."""
-
     twins: CapturedTwins
     place: CapturePlace
 
@@ -86,15 +66,9 @@ class _Waiting:
 
 
 class PlaceMerger:
-    """Merges the observations of one conversation from two places.
+    """Merges the observations of one conversation from two places. Add them in order of time.
 
-    The merger recognises a frame by its bytes and direction, or by its serial and direction if a proxy
-    changed the bytes. Add the observations of both places in order of time.
-
-    Attributes:
-        conversation: Conversation to which all joined observations belong; usually the conversation that was
-            captured at the client's side.
-        own_requests: Number of requests that the proxy sent on its own.
+    The merger recognises a frame by its direction and bytes, or by its serial if a proxy changed the bytes.
     """
 
     def __init__(
@@ -104,12 +78,8 @@ class PlaceMerger:
         notes_of: Callable[[Observation], Iterable[str]],
         twins: CapturedTwins = LEGS_OF_PROXY,
     ) -> None:
-        """Start without observations.
-
-        Args:
-            deliver: Function that receives each joined observation, but not in order of time; see
-                `earliest_pending`.
-            notes_of: Function that returns the notes on a sighting. A proxy notes what it changed.
+        """`deliver` receives each joined observation, but not in order of time; see `earliest_pending`.
+        `notes_of` returns what a proxy noted on a sighting.
         """
         self.conversation = conversation
         self._deliver = deliver
@@ -125,14 +95,13 @@ class PlaceMerger:
 
     @property
     def earliest_pending(self) -> int | None:
-        """Time of the earliest frame that is not delivered yet, ns since 1970; None if there is none."""
+        """Time of the earliest frame that is not delivered yet, ns since 1970."""
         pending = self._pending
         while pending and pending[0].is_resolved:
             pending.popleft()
         return pending[0].observation.time if pending else None
 
     def add(self, observation: Observation, place: CapturePlace) -> None:
-        """Add the next observation that was captured at `place`."""
         flow = observation.flow
         if flow.conversation is self.conversation:
             self._flows[flow.direction] = flow
@@ -158,7 +127,6 @@ class PlaceMerger:
             self._give_up(self._pending.popleft(), is_at_end=False)
 
     def close(self) -> None:
-        """Deliver all frames, because the traffic has ended."""
         while self.earliest_pending is not None:
             self._give_up(self._pending.popleft(), is_at_end=True)
 
@@ -259,9 +227,7 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """If `observation` is a request that counted as lost, add this sighting at the controller's side, and
-        return True.
-        """
+        """Add this sighting at the controller's side to a request that counted as lost; return True if so."""
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False

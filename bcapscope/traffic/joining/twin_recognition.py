@@ -1,6 +1,4 @@
-"""Compare frames to recognise whether two conversations are the two legs of one conversation through a
-proxy.
-"""
+"""Compare frames to recognise whether two conversations are the legs of one conversation through a proxy."""
 
 from __future__ import annotations
 
@@ -10,13 +8,12 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations immediately. Two clients
-that start the same program at the same time send the same bytes. Without a proxy, two clients are very
-unlikely to produce eight nested calls.
+"""Number of nested calls (see `NestedCalls`) for joining two conversations immediately. Without a proxy, two
+clients that start the same program together are very unlikely to produce as many.
 """
 
 FEWEST_CALLS = 2
-"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations after a waiting time."""
+"""Minimum number of nested calls for joining two conversations after a waiting time."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -25,17 +22,15 @@ _REQUEST = Direction.REQUEST
 
 
 class NestedCalls(NamedTuple):
-    """How well the calls of an inner conversation are nested in the calls of an outer conversation.
+    """How well the calls of an inner conversation are nested in the calls of an outer conversation, as on the
+    controller's and the client's leg of a proxy.
 
-    With a proxy, the outer conversation is the client's leg, and the inner conversation is the controller's
-    leg. Equal bytes identify the same frame in both conversations. In a nested call, the outer request comes
+    Equal bytes identify the same frame in both conversations. In a nested call, the outer request comes
     before the inner request, and the inner reply comes before the outer reply.
 
     Attributes:
-        calls: Number of nested calls.
         lag: Total time in ns that requests took from the outer to the inner conversation.
-        is_contradicted: Whether any request came first in the inner conversation, or any reply came first in
-            the outer conversation.
+        is_contradicted: Whether a request came first in the inner, or a reply in the outer conversation.
     """
 
     calls: int
@@ -56,14 +51,11 @@ def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> 
 
 
 def may_be_twins(one: Conversation, other: Conversation) -> bool:
-    """Return whether two conversations can be the legs of a proxy."""
     return one.transport is other.transport and one.server != other.server
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls (see `NestedCalls`) suffice to recognise two conversations as the legs of
-    a proxy. Return None if the interface names show that the conversations are not the two legs.
-    """
+    """Return how many nested calls show two legs of a proxy; None if the interface names rule them out."""
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
         return 1 if are_legs else None
