@@ -1,8 +1,8 @@
 """The action log lists what bcapscope's own clients send to a controller. Each line is a JSON object.
 
-`call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
-lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but no
-longer than `LINE_TIMEOUT`. If the log cannot be written, bcapscope shows a warning and still makes the calls.
+A separate thread writes the lines, so a slow disk never delays a stop. A call that needs arming waits until
+its line is written, but no longer than `LINE_TIMEOUT`. If the log cannot be written, bcapscope shows a
+warning and still makes the calls.
 """
 
 from __future__ import annotations
@@ -38,17 +38,14 @@ class LogFiles:
 
     Attributes:
         path: Path of the file to which the last line was written; before the first line, path of the folder.
-        max_file_size: Size limit of a file in bytes. A line that would exceed this size begins the next file
-            of the day.
-        max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest files are
-            deleted.
+        max_file_size: In bytes. A line that would exceed this size begins the next file of the day.
+        max_total_size: In bytes. Before a new file begins, the oldest files are deleted.
     """
 
     max_file_size = 16 << 20
     max_total_size = 128 << 20
 
     def __init__(self, folder: Path) -> None:
-        """Prepare the log files. When the first line is written, `folder` is created if it does not exist."""
         self.path = folder
         self._folder = folder
         self._is_torn = False
@@ -85,7 +82,7 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest log files to make room for a new file. Stop if a file cannot be deleted."""
+        """Make room for a new file. Stop if a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -113,7 +110,7 @@ MAX_WAITING = 4096
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Receives the path of a file that cannot be written, and the reason. Any thread may call the function."""
+"""Gets the path of a file that cannot be written, and the reason. Any thread may call the function."""
 
 
 class LoggedConnection(NamedTuple):
@@ -144,10 +141,8 @@ class ActionLog:
     """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """Prepare the log. The log files are created with the first line.
-
-        `program` is the name of the sending program, such as "call". When writing fails, `on_error` is
-        called. Further failures are not reported until writing has succeeded again.
+        """`program` is the name of the sending program, such as "call". `on_error` is called at the first
+        failure, and again only at a failure after successful writing.
         """
         self.folder = folder
         self._program = program
@@ -167,8 +162,7 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` sent; `time` is the time of sending in ns since 1970-01-01 UTC.
-        `log_reply` then logs the reply to this request.
+        """Log a request that `who` sent; `time` is in ns since 1970. `log_reply` then logs the reply.
 
         If `is_logged` is False, log neither the request nor its reply.
         """
@@ -208,9 +202,7 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, but no longer than `CLOSE_TIMEOUT`. If a line is logged after
-        `close`, a new thread writes the line.
-        """
+        """Wait for `CLOSE_TIMEOUT` until all lines are written. A new thread writes any later line."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:
@@ -276,10 +268,7 @@ def _hex(raw: bytes) -> dict[str, object]:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types, and subtract the number of converted values from `left[0]`.
-
-    `left[0]` is the number of values for which the log line still has room.
-    """
+    """Convert a value to JSON types. `left[0]` is the number of values for which the line still has room."""
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}
@@ -313,9 +302,8 @@ _FUNCTION_ID = 9
 class ArmedCallLogger:
     """Receives all frames of a connection, and logs the calls that need arming.
 
-    The first set point of a series is logged like any other call. One further line stands for all later set
-    points of the series, and says how many there were. If a set point is sent again before a reply arrives,
-    it counts as a retry.
+    The first set point of a series is logged like any other call. One further line gives the number of all
+    later ones. A set point that is sent again before a reply arrives counts as a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -355,10 +343,7 @@ class ArmedCallLogger:
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """If set points were counted since the last line about set points, log their number.
-
-        `timestamp` is the time of the line in ns; None means now.
-        """
+        """Log the number of set points since the last such line, if any; by default with the current time."""
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

@@ -11,8 +11,7 @@ from bcapscope.protocol.tables.function_table import Function, ObjectClass
 
 
 class ObjectHandle(NamedTuple):
-    """An object in the controller that the client has opened, with its handle. `parent` is None for a
-    controller.
+    """An object that the client has opened. `parent` is None for a controller.
 
     `opened_with` holds the string arguments of the call that opened the object, such as name and option.
     """
@@ -24,9 +23,7 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name of the object for display: the first string of `opened_with`. If the object has no name, the
-        label consists of its class and handle, such as `Message 3`.
-        """
+        """Name for display: the first string of `opened_with`, or class and handle, such as `Message 3`."""
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 
 

@@ -56,11 +56,9 @@ class RefusalCode:
 # Every call creates an outcome. Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, and creating a
 # frozen dataclass 0.9 µs. A named tuple can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """The result of a call. If `value` is None, the profile decides whether the reply has no value or the
-    value EMPTY.
+    """The result of a call. Without a `value`, the profile decides whether the reply has no value or EMPTY.
 
-    `reason` tells the simulator's user why the call was refused. `reason` is empty if the result code says
-    enough.
+    `reason` tells the simulator's user why the call was refused; it is empty if the result code says enough.
     """
 
     hresult: int = S_OK
@@ -70,10 +68,9 @@ class CallResult(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RunningCall:
-    """A call that the simulator has not finished. `poll` and `due` get the current time in ns.
+    """A call that the simulator has not finished. Both functions get the current time in ns.
 
-    `poll` returns the result of the call, or None while the call runs. `due` returns the time in ns at which
-    the simulator should poll next.
+    `poll` returns None while the call runs, and `due` the time in ns of the next poll.
     """
 
     poll: Callable[[int], CallResult | None]
@@ -89,7 +86,7 @@ DONE = CallResult()
 
 
 class RefusedError(BcapError):
-    """The simulated controller refuses a call, and answers with the result code `hresult`."""
+    """The simulated controller answers a call with the failure `hresult`."""
 
     def __init__(self, hresult: int, reason: str = "") -> None:
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))

@@ -1,17 +1,15 @@
 """The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
 
-Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_python_samples,
-DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error). On
-a real controller, a program fills some fields of an error; in the simulator, these fields are 0.
+Sources for commands: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
+nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error). On a real controller, a program
+fills some fields of an error; in the simulator, these fields are 0.
 
-The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
-to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). In DENSO's skeleton of a
-provider, the functions return E_NOTIMPL (CaoProvRobot.cpp, 2003).
+The simulator answers E_NOTIMPL to a function without a handler, as the C server does without a callback
+(orin_bcap C/src/bCAPServer/bcap_server.c) and DENSO's skeleton of a provider (CaoProvRobot.cpp, 2003).
 
-Only one known document shows which functions a robot object of a real controller lacks: VE026A_JNI.java by
-Suzuki (2015). VE026A_JNI.java wraps the RC8 provider, and has no methods Chuck, Unchuck, GoHome and Drive.
-The simulator nevertheless has Drive, because clients need this function. The simulator lacks Rotate, because
-no document describes the planes of Rotate.
+Only VE026A_JNI.java by Suzuki (2015) shows which functions a robot object of a real controller lacks: it
+wraps the RC8 provider, and has no methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless has
+Drive, because clients need it. It lacks Rotate, because no document describes the planes of Rotate.
 """
 
 from __future__ import annotations
@@ -77,7 +75,7 @@ def _chosen_alarm(context: CallContext, alarms: Sequence[Alarm]) -> Alarm:
 
 
 def _system_state(context: CallContext) -> Variant:
-    """Run SysState. `enumerations.SYS_STATE_BITS` explains the bits of the result."""
+    """`enumerations.SYS_STATE_BITS` explains the bits."""
     machine, now = context.machine, context.now
     automatic = machine.mode == AUTOMATIC
     bits = {
@@ -98,7 +96,7 @@ def _system_state(context: CallContext) -> Variant:
 
 
 def _put_auto_mode(context: CallContext) -> None:
-    """Run PutAutoMode of RC7. The parameter of PutAutoMode is 1 for internal mode and 2 for external mode."""
+    """Set the mode of an RC7: 1 for internal mode and 2 for external mode."""
     context.machine.auto_mode = number_within(context.parameter, range(1, 3), E_INVALIDARG)
 
 
@@ -152,7 +150,7 @@ def open_object(context: CallContext, kind: ObjectClass) -> Variant:
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
-    """Refuse the name of an object that the controller does not have. A robot may have any name."""
+    """Refuse an object that the controller does not have. A robot may have any name."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
@@ -171,9 +169,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext) -> Variant:
-    """Run Controller_GetMessage. Return the handle of a message that holds the newest active error; refuse
-    the call if no error is active.
-    """
+    """Return the handle of a message with the newest active error; refuse the call if there is none."""
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
@@ -191,9 +187,7 @@ def _get_message(context: CallContext) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> CallHandler:
-    """Return a handler for an ..._Execute function. The handler refuses unknown commands, and commands that
-    the profile lacks.
-    """
+    """Return the handler of an ..._Execute function. The profile may lack some of the `commands`."""
 
     def execute(context: CallContext) -> HandlerOutcome:
         arguments = context.arguments
@@ -211,7 +205,7 @@ _EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, comma
 
 
 def _command_execute(context: CallContext) -> None:
-    """Run the command that a Command object holds; a command that takes time stores no result."""
+    """Run the command of a Command object; a command that takes time stores no result."""
     values = context.object.values
     context.parameter = values.get("parameters", EMPTY)
     outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context)
@@ -228,7 +222,7 @@ def _robot_speed(context: CallContext) -> None:
 
 
 def _robot_accelerate(context: CallContext) -> None:
-    """Run Robot_Accelerate: parameters two and three are in percent, and -1 keeps the current value."""
+    """Parameters two and three are in percent; -1 keeps the current value."""
     given = {"acceleration": context.arguments.number(1), "deceleration": context.arguments.number(2)}
     changed = {name: value for name, value in given.items() if value != -1}
     context.machine.speeds.set_percent(E_INVALIDARG, **changed)
@@ -276,9 +270,7 @@ _SHARED_HANDLERS: Mapping[str, CallHandler] = {
     "Disconnect": lambda context: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
 }
-"""Handlers of the functions that several classes of objects have. The key is the function's name without the
-class, such as `GetTag`.
-"""
+"""Handlers of the functions that several classes of objects have, by name without the class."""
 
 _OWN_HANDLERS: Mapping[str, CallHandler] = {
     "Controller_GetMessage": _get_message,
@@ -339,4 +331,4 @@ def _handler(function: Function) -> CallHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, CallHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Object class and handler of each function id. The simulator refuses functions without a handler."""
+"""Object class and handler of each function id; a function without a handler is refused."""

@@ -16,9 +16,7 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of TCP connections that wait until the simulator accepts them. If more connections wait, a
-new client retries after a second.
-"""
+"""Maximum number of connections that wait to be accepted; beyond it, a new client retries after a second."""
 
 
 class SimulatorListenError(BcapError):
@@ -71,7 +69,6 @@ MAX_BYTES = 2 << 20
 _COST = 512
 
 Sender: TypeAlias = Hashable
-"""Address of a client."""
 
 
 class DatagramQueue:

@@ -54,7 +54,7 @@ class WrittenPose(NamedTuple):
 
 
 def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
-    """Read the target of a motion with `parse_pose`; refuse a target that the arm cannot reach."""
+    """Read the target of a motion; refuse a target that the arm cannot reach."""
     written = parse_pose(pose, read)
     return MotionTarget(joints_of(written.type, written.values), written.passing)
 
@@ -82,7 +82,6 @@ def parse_pass(part: Variant) -> int:
 
 
 def parse_pass_text(text: str | None) -> int:
-    """Read the text after the `@` of a pass motion: `P`, `E` or a number; return 0 for None."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
@@ -116,7 +115,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read the pose type and the pass motion. If `parts[0]` contains `@`, `parts[0]` is the pass motion."""
+    """Read the pose type and the pass motion, which may come in either order."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None

@@ -1,9 +1,9 @@
 """Profiles: how the answers of the simulated controller depend on the controller's generation.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
-ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). The
-simulator assumes that a real RC8 or RC9 uses the library of the C server, and therefore reports failures as
-the C server does.
+ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server).
+Assumption: a real RC8 or RC9 uses the library of the C server, and therefore reports failures as the C server
+does.
 """
 
 from __future__ import annotations
@@ -40,12 +40,10 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies without a value contain no VARIANT, instead of a VARIANT of the type VT_EMPTY.
-    `NoArgument` applies only to calls that can return a value.
+    """Replies without a value that contain no VARIANT, instead of VT_EMPTY, if the call can return a value.
 
-    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode). In
-    DENSO's C# and Java clients, a call that can return a value throws an exception if the successful reply
-    contains no VARIANT.
+    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
+    DENSO's C# and Java clients throw an exception if such a reply contains no VARIANT.
     """
 
     NEVER = "never"
@@ -58,9 +56,8 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: Name of the profile as an argument of `--profile`; `title` is the name that messages show.
+        name: Argument of `--profile`; `title` is the name that messages show.
         generation: Generation of the controller, which decides the meaning of slave-mode numbers.
-        replies: Content of the reserved field of replies.
         mode_type: VARIANT type of slvGetMode's result.
         real: VARIANT type of the numbers in a pose.
         providers: Provider names that Controller_Connect accepts; () if the controller ignores the name.
@@ -134,7 +131,5 @@ _CSERVER = replace(
 )
 
 PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
-"""Every profile by its name."""
 
 DEFAULT_PROFILE = "rc8"
-"""Name of the profile that the simulator has if the user chose none."""

@@ -1,8 +1,7 @@
 """The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). Assumption from DENSO's guide: before the client calls slvRecvFormat, slvMove returns a pose of the
-mode's type.
+(formats). Assumption from DENSO's guide: before slvRecvFormat, slvMove returns a pose of the mode's type.
 """
 
 from __future__ import annotations
@@ -40,9 +39,7 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""A set point is invalid if its norm reaches this value. The norm is the length of the vector that the
-numbers of the set point form.
-"""
+"""A set point is invalid if the length of the vector of its numbers reaches this value."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -230,7 +227,7 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return one simulated motor current per axis: the commanded minus the measured angle in degrees."""
+    """Return one simulated motor current per axis: the lag of the encoders in degrees."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

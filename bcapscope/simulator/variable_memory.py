@@ -1,8 +1,7 @@
 """The numbered variables and the I/O of the simulated controller.
 
-Sources for the VARIANT type of each kind of variable (I, F, D, V, P, J, T, S):
-ShoheiKobata/orin_bcap_python_samples SimpleSamples and DENSORobot/denso_robot_ros2. On a real controller, the
-number of variables of each letter is a setting; the simulator has one number for all letters.
+Sources for the VARIANT types: ShoheiKobata/orin_bcap_python_samples SimpleSamples and
+DENSORobot/denso_robot_ros2. On a real controller, the number of variables of each letter is a setting.
 """
 
 from __future__ import annotations
@@ -14,10 +13,9 @@ from bcapscope.simulator import argument_values
 from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 VARIABLES_PER_LETTER = 100
-"""Variables of each letter."""
 
 MAX_FRAMES = 64
-"""There are 64 tool and 64 work coordinate systems, numbered from 0. The count 64 is an assumption."""
+"""Tool and work coordinate systems, numbered from 0. The number is an assumption."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
@@ -40,10 +38,8 @@ _IO_WORDS = {
 
 
 class VariableMemory:
-    """The variables that programs and clients share."""
-
     def __init__(self, real: VT) -> None:
-        """Set all variables and I/O to zero; `real` is the VARIANT type of the numbers in vectors."""
+        """`real` is the VARIANT type of the numbers in vectors."""
         self._real = real
         self._values: dict[tuple[str, int], Variant] = {}
         self.io = bytearray(IO_BYTES)
