@@ -82,7 +82,6 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Make room for a new file. Stop if a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -196,7 +195,6 @@ class ActionLog:
             self._write(time, connection, {**fields, **_hex(item.raw)}, False)
 
     def log_set_points(self, connection: LoggedConnection, count: int, time: int, who: str) -> None:
-        """Write one line that says how many consecutive set points `who` sent."""
         self._write(
             time, connection, {"who": who, "sent": "Robot_Execute slvMove", "set_points": count}, False
         )
@@ -262,7 +260,6 @@ def _json(fields: dict[str, object]) -> bytes:
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes of a frame as hex and, if the frame is too long to log completely, its size."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 

@@ -137,7 +137,6 @@ class Caller:
             self._pending_call.set_exception(ConnectionRefusedError(reason))
 
     def on_link_lost(self, reason: Message) -> None:
-        """After the link is lost, let the pending call and all later calls fail."""
         self._lost_reason = reason
         if self._pending_call is not None and not self._pending_call.done():
             self._pending_call.set_exception(ConnectionResetError(self._lost_reason))

@@ -48,12 +48,10 @@ class HandleTable:
             self._unreleased.pop((function.releases, handle), None)
 
     def find(self, kind: ObjectClass, handle: int | None) -> ObjectHandle | None:
-        """Return the open object with this handle, or None if the handle is unknown or released."""
         found = None if handle is None else self._unreleased.get((kind, handle))
         return found if found is not None and self._is_open(found) else None
 
     def find_named(self, kind: ObjectClass, name: str, parent: ObjectHandle) -> ObjectHandle | None:
-        """Return the newest open object with this name that the client opened through `parent`, or None."""
         found = (one for one in self._newest_first(kind) if one.label == name and one.parent == parent)
         return next(found, None)
 

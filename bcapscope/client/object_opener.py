@@ -86,7 +86,6 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the object with this name; open it through `parent` if necessary."""
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle
@@ -100,7 +99,6 @@ class ObjectOpener:
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator, which alone has `SIMULATOR_VARIABLE`."""
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 

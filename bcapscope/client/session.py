@@ -85,7 +85,7 @@ class Session:
         self._is_starting = False
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call and return its outcome. Raises LocalProtocolError, and ConnectionError for a lost link."""
+        """Make a call and return its outcome. Raises LocalProtocolError and ConnectionError."""
         if self.check_armed is not None and self.needs_arming(function_id, arguments):
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)

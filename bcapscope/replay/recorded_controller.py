@@ -124,7 +124,6 @@ class _ReplayClient(HostedClient):
 
     @property
     def _is_unanswered(self) -> bool:
-        """Whether the recording has no reply to the current call."""
         return self._frame is not None and self._script_call is not None and self._script_call.hresult is None
 
     def _start_call(self, frame: Frame, now: int) -> list[bytes]:
@@ -172,7 +171,6 @@ class RecordedController(ClientHost):
     def __init__(
         self, script: ReplayScript, report: Callable[[Peer, CallReport], None], *, delays: bool = True
     ) -> None:
-        """With `delays`, replies take as long as those of the recorded controller."""
         super().__init__(self._replay_to_client, report)
         self.unknown_calls = 0
         self._lookup = ScriptLookup(script.calls)

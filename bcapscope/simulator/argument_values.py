@@ -1,8 +1,4 @@
-"""Functions that make VARIANT values, and functions that read a client's values leniently.
-
-The C server passes arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c). How
-leniently a real controller reads values is unknown. The simulator accepts any numeric type for a number.
-"""
+"""Functions that make VARIANT values, and functions that read a client's values leniently."""
 
 from __future__ import annotations
 
@@ -133,10 +129,6 @@ class Arguments(tuple[Variant, ...]):
         if default is not None and index >= len(self):
             return default
         return integer_of(self.at(index))
-
-    def integer_within(self, index: int, allowed: range, refusal: int) -> int:
-        """Read an integer. If the integer is not in `allowed`, refuse the call with the code `refusal`."""
-        return number_within(self.at(index), allowed, refusal)
 
     def text(self, index: int, default: str | None = None) -> str:
         if default is not None and index >= len(self):

@@ -1,8 +1,6 @@
 """The arm over time: ordinary motions, set points, and encoders that lag behind the commanded joints.
 
-Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends
-at rest. The lag of real servos varies. In the replies that DENSO's guide shows, the joints lag by about a
-degree (DENSO Wave 2009, How to use the Slave mode).
+Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ NEVER = 1 << 62
 """Time in ns that means never: no clock reaches it."""
 
 PASS_SHARE = 0.7
-"""With @P, the next motion may begin after this share of a motion's duration. The figure is an assumption."""
+"""With @P, the next motion may begin after this share of a motion's duration."""
 
 # highest speed and acceleration of a minimum-jerk curve that covers distance 1 in time 1
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774
@@ -92,11 +90,9 @@ class Arm:
         return before[1]
 
     def actual(self, now: int) -> Joints:
-        """Return the joints that the encoders show."""
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int) -> None:
-        """Begin an ordinary motion from the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)
@@ -143,10 +139,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
 
 
 class TimedMove:
-    """An ordinary motion that a client can hold and resume. The next motion may begin at `done_at`, in ns.
-
-    The simulator assumes that Hold stops the motion immediately, and that Unhold continues from rest.
-    """
+    """An ordinary motion that a client can hold and resume. The next motion may begin at `done_at`, in ns."""
 
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0

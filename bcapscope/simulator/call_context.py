@@ -34,7 +34,6 @@ class CallContext:
 
     @property
     def items(self) -> Arguments:
-        """The elements of the parameter."""
         return items_of(self.parameter)
 
     def real_array(self, numbers: Iterable[float]) -> Variant:

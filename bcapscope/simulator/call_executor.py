@@ -1,9 +1,6 @@
 """Execute the calls of one client, one after another: request frames in, reply frames out.
 
-Sources for keep-alive, InvokeTimeout and the code for a busy server: orin_bcap
-C/src/bCAPServer/bcap_server.c, and experiments with this server. There, a stuck call over TCP blocks its
-connection, and a stuck call over UDP blocks all UDP clients. In the simulator, a stuck call blocks only its
-own client.
+In DENSO's C server, a stuck call over UDP blocks all UDP clients. Here, it blocks only its own client.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""The outcome of a call to the simulated controller, and the codes of refusals. An outcome is a result or a
-running call.
-
-Source for the meanings of the codes: the public list of controller errors in
-nkawa/Denso_CobottaPro900_MQTT_Control. Source for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs.
-"""
+"""The outcome of a call to the simulated controller, and the codes of refusals."""
 
 from __future__ import annotations
 

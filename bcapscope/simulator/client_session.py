@@ -1,10 +1,4 @@
-"""One client of the simulated controller: its session, its handles, and the calls that it may make.
-
-Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. Assumption:
-every call needs Service_Start first, and a real controller answers E_NOT_CONNECTED before it. Source for the
-calls that slave mode refuses, and for the calls that end slave mode: issues 13, 21, 42 and 48 of
-DENSORobot/denso_robot_ros.
-"""
+"""One client of the simulated controller: its session, its handles, and the calls that it may make."""
 
 from __future__ import annotations
 
@@ -55,11 +49,7 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
         *("handchuck", "handunchuck", "chuck", "unchuck"),
     )
 )
-"""Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). Assumption: a controller refuses them to the client that is in
-slave mode, because the hand cannot move while slave mode moves the arm (issue 13 of
-DENSORobot/denso_robot_ros).
-"""
+"""Commands that a client may call while another client is in slave mode."""
 
 
 class ClientSession:
@@ -164,8 +154,8 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
 def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], is_other: bool) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    Assumption: slave mode accepts only calls that read data, unless a document mentions the call. The handler
-    of the ..._Execute function later refuses an unknown command.
+    Sources: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros. The handler of the ..._Execute function
+    later refuses an unknown command.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

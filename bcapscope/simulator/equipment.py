@@ -1,10 +1,6 @@
 """The controller's equipment besides the arm: hands, areas, serial and socket lines.
 
-Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
-denso_cobotta_gripper/config/gripper_parallel.yaml. Source of `TWO_FINGER_HAND`: the documentation of
-TwofgGrip quoted in nkawa/Denso_CobottaPro900_MQTT_Control (force, speed in percent, width of an external
-grip). Assumptions: the speed of a grip without speed parameter, the second hand's speed in mm/s, and that
-both hands are open at the start.
+Times are in ns, widths in mm, and speeds in mm/s.
 """
 
 from __future__ import annotations

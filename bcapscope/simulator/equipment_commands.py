@@ -1,16 +1,6 @@
 """Commands for hands, groups of robots, forces, areas, scenes and buttons, and the extensions Hand0 and Comm.
 
-Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridges of COBOTTA and
-DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
-nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
-result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control, and
-DENSORobot/denso_robot_ros issue 46 for a hand that hits an object without a grip command. The hand needs the
-motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
-
-Most calls that move a hand last as long as the motion: a moving hand refuses commands, and the clients in
-orin_bcap_python_samples send the next command immediately after the reply. No force acts on the simulated
-robot. The simulator has one arm, so it only checks the order of SyncTimeStart, SyncTimeEnd, SyncMoveStart and
-SyncMoveEnd.
+No force acts on the simulated robot. There is one arm, so the Sync commands only check their order.
 """
 
 from __future__ import annotations
@@ -172,7 +162,6 @@ def _check_width(hand: Hand, width: float, refusal: int = RefusalCode.HAND_SETTI
 
 
 def _speed(hand: Hand, percent: float) -> float:
-    """Convert percent to mm/s."""
     _check_range(percent, hand.limits.slowest, 100)
     return hand.limits.speed * percent / 100
 
@@ -191,8 +180,7 @@ def _width(context: CallContext) -> Variant:
     return r8(context.machine.equipment.hand.width(context.now))
 
 
-def _of_gripper(read: Callable[[Hand, int], Variant]) -> CallHandler:
-    """Call `read` with the 2FG hand and the current time in ns."""
+def _of_gripper(read: Callable[[Hand, int], HandlerOutcome]) -> CallHandler:
     return lambda context: read(context.machine.equipment.gripper, context.now)
 
 
@@ -236,21 +224,19 @@ def _force_control(context: CallContext) -> None:
     """Parameters: on or off, a number 1..10 and a mode. Force control changes no motion."""
     context.machine.check_arm(context.client)
     if context.items.integer(0) != 0:
-        context.items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
+        number_within(context.items.at(1), _FORCE_CONTROLS, E_INVALIDARG)
 
 
 def _force_parameters(context: CallContext) -> None:
     """Parameters: number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
     items = context.items
-    items.integer_within(0, _FORCE_CONTROLS, E_INVALIDARG)
-    items.integer_within(1, range(3), E_INVALIDARG)
+    number_within(items.at(0), _FORCE_CONTROLS, E_INVALIDARG)
+    number_within(items.at(1), range(3), E_INVALIDARG)
     if len(items) > _MAX_FORCE_VALUES or len(numbers_of(items.at(2))) < len(_SIX):
         raise RefusedError(E_INVALIDARG)
 
 
 def _checked(check: Callable[[CallContext], object], value: Variant | None = None) -> CallHandler:
-    """Make a command that only checks its parameter and returns `value`."""
-
     def run(context: CallContext) -> Variant | None:
         check(context)
         return value
@@ -273,7 +259,7 @@ def _switch_area(context: CallContext) -> None:
 
 
 def _area(context: CallContext) -> int:
-    return context.items.integer_within(0, range(MAX_AREAS), RefusalCode.BAD_INDEX)
+    return number_within(context.items.at(0), range(MAX_AREAS), RefusalCode.BAD_INDEX)
 
 
 def _line(context: CallContext) -> int:
@@ -285,9 +271,7 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "handrelease": partial(_hand_grip, closes=False),
     "twofggrip": _two_finger_grip,
     "twofgrelease": _two_finger_release,
-    "twofgstop": lambda context: context.machine.equipment.gripper.stop(
-        context.now, RefusalCode.HAND_STOPPED
-    ),
+    "twofgstop": _of_gripper(lambda hand, now: hand.stop(now, RefusalCode.HAND_STOPPED)),
     "twofgisconn": lambda context: i4(1),
     "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
     "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),

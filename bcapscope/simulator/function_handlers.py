@@ -1,15 +1,8 @@
 """The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
 
-Sources for commands: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error). On a real controller, a program
-fills some fields of an error; in the simulator, these fields are 0.
-
-The simulator answers E_NOTIMPL to a function without a handler, as the C server does without a callback
-(orin_bcap C/src/bCAPServer/bcap_server.c) and DENSO's skeleton of a provider (CaoProvRobot.cpp, 2003).
-
-Only VE026A_JNI.java by Suzuki (2015) shows which functions a robot object of a real controller lacks: it
-wraps the RC8 provider, and has no methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless has
-Drive, because clients need it. It lacks Rotate, because no document describes the planes of Rotate.
+A function without a handler returns E_NOTIMPL. On a real controller, a program fills some fields of an error;
+here, these fields are 0. The RC8 provider has no Drive (VE026A_JNI.java by Suzuki, 2015), but clients need
+it. The simulator lacks Rotate, because no document describes its planes.
 """
 
 from __future__ import annotations
@@ -187,8 +180,6 @@ def _get_message(context: CallContext) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> CallHandler:
-    """Return the handler of an ..._Execute function. The profile may lack some of the `commands`."""
-
     def execute(context: CallContext) -> HandlerOutcome:
         arguments = context.arguments
         name = arguments.text(0).casefold()
@@ -236,12 +227,12 @@ def _robot_change(context: CallContext) -> None:
 
 
 def _task_start(context: CallContext) -> None:
-    context.arguments.integer_within(0, range(1, 4), E_INVALIDARG)
+    number_within(context.arguments.at(0), range(1, 4), E_INVALIDARG)
     context.machine.start_task(context.object.name)
 
 
 def _task_stop(context: CallContext) -> None:
-    context.arguments.integer_within(0, range(5), E_INVALIDARG)
+    number_within(context.arguments.at(0), range(5), E_INVALIDARG)
     context.machine.stop_task(context.object.name, context.now)
 
 
@@ -258,7 +249,8 @@ def _variable_names(context: CallContext) -> Variant:
     return bstr_array(system_variables.variable_names(context.object.kind, generation))
 
 
-_SHARED_HANDLERS: Mapping[str, CallHandler] = {
+_HANDLERS: Mapping[str, CallHandler] = {
+    # functions that several classes of objects have, without the name of the class
     "GetAttribute": lambda context: i4(0),
     "GetHelp": lambda context: bstr(""),
     "GetName": lambda context: bstr(context.object.name),
@@ -269,10 +261,6 @@ _SHARED_HANDLERS: Mapping[str, CallHandler] = {
     "Release": lambda context: context.objects.release(context.object),
     "Disconnect": lambda context: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
-}
-"""Handlers of the functions that several classes of objects have, by name without the class."""
-
-_OWN_HANDLERS: Mapping[str, CallHandler] = {
     "Controller_GetMessage": _get_message,
     "Controller_Execute": command_runner(CONTROLLER_COMMANDS),
     "Controller_GetExtensionNames": lambda context: bstr_array(_EXTENSIONS),
@@ -314,18 +302,16 @@ _OWN_HANDLERS: Mapping[str, CallHandler] = {
     "Command_GetParameters": _stored_value("parameters"),
     "Command_PutParameters": _put_value("parameters"),
     "Command_GetResult": _stored_value("result"),
-    "Message_Clear": lambda context: None,
+    "Message_Clear": accept_without_effect,
 }
 
 
 def _handler(function: Function) -> CallHandler | None:
-    verb = function.name.partition("_")[2]
-    kind = function.creates
     if function.name.startswith("Message_Get"):
         return _stored_value(function.name)
-    if kind is not None and function.name not in _OWN_HANDLERS:
-        return partial(open_object, kind=kind)
-    return _OWN_HANDLERS.get(function.name) or _SHARED_HANDLERS.get(verb)
+    if function.creates is not None and function.name not in _HANDLERS:
+        return partial(open_object, kind=function.creates)
+    return _HANDLERS.get(function.name) or _HANDLERS.get(function.name.partition("_")[2])
 
 
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, CallHandler | None]] = {

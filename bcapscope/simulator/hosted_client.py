@@ -77,7 +77,6 @@ class HostedClient(ABC):
         return []
 
     def close(self) -> None:
-        """End the session of a client that is gone; its requests get no more replies."""
         self._waiting.clear()
         self._responder.reset()
 

@@ -56,7 +56,6 @@ _NOT_THERE = (0.0, 0.0)
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Keep the first six joints, and append zeros for the two joints that the arm lacks."""
     return values[:AXIS_COUNT] + _NOT_THERE
 
 

@@ -84,7 +84,6 @@ class DatagramQueue:
         return min(queue[0][0] for queue in self.waiting.values())
 
     def add(self, sender: Sender, received_at: int, data: bytes) -> None:
-        """Queue a datagram with its arrival time; drop the datagram if too many are waiting."""
         queue = self.waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MAX_PER_SENDER):
@@ -96,7 +95,6 @@ class DatagramQueue:
         self._bytes += size
 
     def pop_one_per_sender(self) -> Iterator[tuple[Sender, int, bytes]]:
-        """Remove the oldest datagram of each sender and yield its sender, arrival time and bytes."""
         for sender in list(self.waiting):
             queue = self.waiting[sender]
             came, data = queue.popleft()

@@ -1,8 +1,6 @@
 """The controller that all clients share: modes, motor, arm, tasks, errors, and how time changes them.
 
-Sources for refusals and their codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control,
-and the issues of DENSORobot/denso_robot_ros. The order of the checks and all durations are assumptions. All
-times are in ns of the caller's clock.
+All times are in ns of the caller's clock.
 """
 
 from __future__ import annotations
@@ -236,13 +234,11 @@ class Machine:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """On RC7, slave mode needs the running program RobSlave (DENSO Wave 2009)."""
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse a position outside the limits; the result code contains the number of the axis."""
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
@@ -250,9 +246,7 @@ class Machine:
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode now; the calls that wait for them return `code`.
 
-        Unless `is_reported`, the next slvMove also returns `code` if slave mode was on (issues 20 and 49 of
-        DENSORobot/denso_robot_ros). Later calls of slvMove return the error that slave mode is off (issues 6
-        and 42).
+        Unless `is_reported`, the next slvMove also returns `code` if slave mode was on.
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -264,8 +258,8 @@ class Machine:
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
         """End all motions, slave mode and RobSlave. The error is active until ClearError.
 
-        An error of level 4 or above, a set point beyond a limit, and the emergency stop switch the motor off
-        (list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control). `is_reported` is as in `stop`.
+        An error of level 4 or above, a set point beyond a limit, and the emergency stop switch the motor off.
+        `is_reported` is as in `stop`.
         """
         self._add_alarm(code, now)
         self.stop(now, code, is_reported)
@@ -278,12 +272,8 @@ class Machine:
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call, and raise the error `code` unless it is already active.
 
-        The error list has room for 32 errors: if it held every refusal, 32 refused set points would displace
-        the error that ended slave mode.
-
-        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
-        simulator assumes the same of an RC7. On RC7, a result other than S_OK stops RobSlave and slave mode
-        (DENSO Wave 2009).
+        If the error list held every refusal, 32 refused set points would displace the error that ended slave
+        mode.
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)
@@ -327,7 +317,6 @@ class Machine:
             self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time in ns of the next slave-mode period or hand collision; None if there is none."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

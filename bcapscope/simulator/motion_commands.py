@@ -1,8 +1,7 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
 Unless the option is NEXT, a call lasts until the commanded joints reach the target, or with @E the encoders.
-With @P, the next motion may begin earlier. A motion that begins too early returns 80010004 (b-Cap.h of the
-ANSI-C client); after this result, the ANSI-C client repeats Robot_Move.
+With @P, the next motion may begin earlier.
 """
 
 from __future__ import annotations
@@ -96,7 +95,6 @@ def halt(context: CallContext) -> None:
 
 
 def hold(context: CallContext) -> None:
-    """Pause the running motion, if any; the motion's call keeps waiting."""
     if context.machine.current_move:
         context.machine.current_move.hold(context.now)
 
@@ -110,7 +108,6 @@ def unhold(context: CallContext) -> None:
 
 
 def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> HandlerOutcome:
-    """Begin a motion; refuse it if the robot is busy or not ready, or cannot reach the target."""
     machine, now = context.machine, context.now
     machine.check_motion(context.client, now)
     if now < machine.free_at:

@@ -1,8 +1,4 @@
-"""The objects that a client has opened, by handle.
-
-A client has at most 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c). Assumption: the release of an
-object also releases the objects opened from it.
-"""
+"""The objects that a client has opened, by handle."""
 
 from __future__ import annotations
 
@@ -38,7 +34,10 @@ class ControllerObject:
 
 
 class ObjectTable(dict[int, ControllerObject]):
-    """The open objects of one client, by handle. A handle is never used again."""
+    """The open objects of one client, by handle. A handle is never used again.
+
+    Assumption: the release of an object also releases the objects opened from it.
+    """
 
     _next = 1
 
@@ -55,12 +54,10 @@ class ObjectTable(dict[int, ControllerObject]):
     def open_named(
         self, kind: ObjectClass, name: str, parent: ControllerObject | None, option: str
     ) -> ControllerObject:
-        """With @IfNotMember, return the object with this name if it is already open."""
         found = self.find_by_name(kind, name, parent) if "@ifnotmember" in option.casefold() else None
         return self.open(kind, name, parent) if found is None else found
 
     def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
-        """Return the object of a handle; refuse a handle that is unknown or belongs to another class."""
         value = handle.value
         found = self.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
         if found is None or found.kind is not kind:

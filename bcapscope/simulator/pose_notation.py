@@ -2,9 +2,8 @@
 
 Examples of text are `@E J(0, 0, 90, 0)` and `@P P1`. An array of VARIANTs contains the coordinates, the pose
 type, the pass motion and the extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2).
-Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's
-samples send the variable's number as VT_I4, although their README says VT_R4. In some of these samples, the
-pass motion, such as "@0", comes before the pose type.
+Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. In some of
+ShoheiKobata's samples, the pass motion, such as "@0", comes before the pose type.
 """
 
 from __future__ import annotations
@@ -54,7 +53,6 @@ class WrittenPose(NamedTuple):
 
 
 def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
-    """Read the target of a motion; refuse a target that the arm cannot reach."""
     written = parse_pose(pose, read)
     return MotionTarget(joints_of(written.type, written.values), written.passing)
 

@@ -1,10 +1,4 @@
-"""Profiles: how the answers of the simulated controller depend on the controller's generation.
-
-Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
-ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server).
-Assumption: a real RC8 or RC9 uses the library of the C server, and therefore reports failures as the C server
-does.
-"""
+"""Profiles: how the answers of the simulated controller depend on the controller's generation."""
 
 from __future__ import annotations
 
@@ -42,7 +36,6 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 class NoArgument(StrEnum):
     """Replies without a value that contain no VARIANT, instead of VT_EMPTY, if the call can return a value.
 
-    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
     DENSO's C# and Java clients throw an exception if such a reply contains no VARIANT.
     """
 

@@ -1,10 +1,4 @@
-"""Commands of the extension Pallet, and commands of Robot_Execute except motions, slave mode and equipment.
-
-Sources: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control (with DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and
-SetToolDef). Results that no document shows are inferred from the command's meaning. Tool and work definitions
-do not change the position that the simulated arm reports.
-"""
+"""Commands of the extension Pallet, and of Robot_Execute except motions, slave mode and equipment."""
 
 from __future__ import annotations
 
@@ -122,8 +116,7 @@ def _fig(pose: PoseNumbers) -> float:
 def _pallet_position(context: CallContext) -> Variant:
     """Run CalcPos: rows, columns, layer height in mm, four corners, pallet position and optionally the layer.
 
-    Positions and layers are counted from 1. The order is assumed: from the first corner to the second, then
-    row by row towards the third.
+    Positions and layers are counted from 1.
     """
     items = context.items
     rows, columns = (_count(items.at(index)) for index in (0, 1))
@@ -226,11 +219,7 @@ def _servo_data(context: CallContext) -> Variant:
 
 
 def _log_record(context: CallContext) -> Variant:
-    """Return a record; the parameter 0 selects the oldest.
-
-    Source for the 39 values: ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py. Assumptions: the
-    counter is in ms, and the lag of the encoders determines motor current and load.
-    """
+    """Return a record; the parameter 0 selects the oldest."""
     machine, records, values = context.machine, context.machine.log.records, []
     index = number_within(context.parameter, range(len(records)), RefusalCode.BAD_INDEX)
     time, all_commanded, all_actual = records[index]

@@ -57,8 +57,6 @@ class ProfileName(StrEnum):
 
 
 class ServerDefect(StrEnum):
-    """Defects of DENSO's C server."""
-
     FORGETS_FIRST = "forgets-first"
     SERIAL_ZERO = "serial-zero"
 
@@ -123,8 +121,6 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Names of all programs of the controller, and of the running programs."""
-
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()
 
@@ -153,8 +149,6 @@ class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Limits of all axes; missing axes keep their usual limits."""
-
     J1: AxisLimitSettings = AxisLimitSettings()
     J2: AxisLimitSettings = AxisLimitSettings()
     J3: AxisLimitSettings = AxisLimitSettings()

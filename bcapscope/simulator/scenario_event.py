@@ -92,8 +92,6 @@ class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
 
 
 class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
-    """An error occurs: motions and slave mode end, and the error remains active until ClearError."""
-
     code: HresultQuantity
 
     def __post_init__(self) -> None:
@@ -106,8 +104,6 @@ class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
 
 
 class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
-    """Somebody turns the mode switch of the pendant."""
-
     to: OperatingMode
 
     def apply(self, simulator: Simulator, now: int) -> None:
@@ -115,8 +111,6 @@ class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
 
 
 class StopTask(ScenarioEvent, frozen=True, kw_only=True, tag="stop-task"):
-    """Somebody stops a program on the pendant."""
-
     task: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
 
     def apply(self, simulator: Simulator, now: int) -> None:

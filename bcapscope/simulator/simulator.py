@@ -1,8 +1,6 @@
 """The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
-The model does no I/O and has no clock. The limits on clients are those of orin_bcap
-C/src/bCAPServer/bcap_server.c. DENSO's C server ends its UDP service when it receives a datagram that begins
-like a frame but is not a frame. The simulator drops and counts such a datagram.
+The model does no I/O and has no clock.
 """
 
 from __future__ import annotations
@@ -113,7 +111,6 @@ class ClientHost:
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a TCP connection. Bytes outside any frame are skipped."""
         link = self._links.get(peer)
         if link is None or link.splitter is None:
             return []

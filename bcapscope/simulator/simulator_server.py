@@ -66,8 +66,6 @@ class TrafficTap(Protocol):
 
 
 class ControllerModel(ClockedModel, Protocol):
-    """Interface of a simulated controller for the server. Each method works as in `Simulator`."""
-
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
@@ -188,9 +186,8 @@ class SimulatorServer:
         return self._select(readers, wait)
 
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
-        """Return the descriptors that are ready, after `seconds` at the latest.
-
-        `epoll` refuses regular files, and stdin may be one. `poll` waits in ms, but a cycle of 8 ms needs µs.
+        """`epoll` refuses regular files, and stdin may be one. `poll` waits in ms, but a cycle of 8 ms needs
+        µs.
         """
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable

@@ -1,8 +1,4 @@
-"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat.
-
-Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). Assumption from DENSO's guide: before slvRecvFormat, slvMove returns a pose of the mode's type.
-"""
+"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat."""
 
 from __future__ import annotations
 
@@ -43,7 +39,6 @@ LONGEST_SET_POINT = 1e9
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
-HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
 
 
 def change_mode(context: CallContext) -> HandlerOutcome:
@@ -181,9 +176,9 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
 def _write_io(context: CallContext, point: SetPoint) -> None:
     memory = context.machine.memory
     if point.mini_io is not None:
-        memory.write_word(MINI_IO, point.mini_io, MINI_MASK)
+        memory.write("IOB", MINI_IO + 24, i4(point.mini_io >> 24))  # only these eight bits are written
     if point.hand_io is not None:
-        memory.write_word(HAND_IO, point.hand_io, HAND_MASK)
+        memory.write("IOB", HAND_IO + 16, i4(point.hand_io >> 16))
     if point.user_write is not None and point.user_write.data is not None:
         start, stop = _run(point.user_write)
         memory.io[start:stop] = point.user_write.data[: stop - start].ljust(stop - start, b"\0")
@@ -210,12 +205,12 @@ def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Var
     if form.poses:
         parts.append(float_array(VT.R8, [value for each in form.poses for value in pose_of(each, actual)]))
     if form.mini_io:
-        parts.append(i4(machine.memory.word(MINI_IO)))
+        parts.append(machine.memory.read("IOD", MINI_IO))
     if form.user_io:
         start, stop = _run(point.user_read) if point.user_read else (0, 0)
         parts.append(Variant.array(VT.UI1, bytes(machine.memory.io[start:stop])))
     if form.hand_io:
-        parts.append(i4(machine.memory.word(HAND_IO)))
+        parts.append(machine.memory.read("IOD", HAND_IO))
     if form.current:
         parts.append(float_array(VT.R8, currents(context)))
     return variant_array(*parts)

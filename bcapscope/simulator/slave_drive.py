@@ -1,9 +1,4 @@
-"""Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
-
-Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
-modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). Assumption: the
-8 ms cycle does not depend on the client.
-"""
+"""Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms."""
 
 from __future__ import annotations
 
@@ -74,7 +69,6 @@ class SlaveDrive:
         self._leaving = True
 
     def leave(self, unreported_result: int = 0) -> None:
-        """Switch slave mode off and drop the set points in the buffer."""
         if self.mode is not None:
             self.unreported_result = unreported_result
         self.mode = None
@@ -131,7 +125,6 @@ class SlaveDrive:
         self._moving = False
 
     def _limit_violation(self, speed: Joints) -> int:
-        """Return the result code for the first axis that is too fast or accelerates too much; 0 if none."""
         seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]

@@ -1,8 +1,6 @@
 """Reading and writing the variables of controller, robot and task objects.
 
-DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and their configuration lists @START and @STOP as writable
-(DENSORobot/denso_robot_ros2 denso_robot_core/config). The simulator assumes that clients can write all speed
-variables. TOOLn, WORKn and _ITP were seen on RC7 only.
+The simulator assumes that clients can write all speed variables.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""The numbered variables and the I/O of the simulated controller.
-
-Sources for the VARIANT types: ShoheiKobata/orin_bcap_python_samples SimpleSamples and
-DENSORobot/denso_robot_ros2. On a real controller, the number of variables of each letter is a setting.
-"""
+"""The numbered variables and the I/O of the simulated controller."""
 
 from __future__ import annotations
 
@@ -75,15 +71,6 @@ class VariableMemory:
         if letter in _ROW_LENGTHS:
             return argument_values.float_array(self._real, (0.0,) * _ROW_LENGTHS[letter])
         return Variant(_SCALARS[letter], 0 if letter == "I" else 0.0)
-
-    def word(self, first: int) -> int:
-        """Return 32 bits of I/O from bit `first`, a multiple of 8, as a signed little-endian number."""
-        return int.from_bytes(self.io[first // 8 : first // 8 + 4], "little", signed=True)
-
-    def write_word(self, first: int, word: int, mask: int) -> None:
-        """Write 32 bits of I/O from bit `first`, but only the bits that are set in `mask`."""
-        old = self.word(first) & 0xFFFFFFFF
-        self.io[first // 8 : first // 8 + 4] = ((old & ~mask) | (word & mask)).to_bytes(4, "little")
 
     def _read_io(self, letter: str, index: int) -> Variant:
         if letter == "IO":
