@@ -30,7 +30,7 @@ from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import call_kind_of
-from bcapscope.traffic.observation import Conversation, Direction, Observation, Transport
+from bcapscope.traffic.observation import Conversation, Transport
 
 
 class LogFiles:
@@ -51,9 +51,8 @@ class LogFiles:
         self._is_torn = False
 
     def append(self, line: bytes) -> None:
-        """Append a line with a single write, so that other processes can append to the same file.
-
-        Raises OSError if the line was not written completely.
+        """Append a line with a single write, because other processes append too. An incomplete line is an
+        OSError.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line
@@ -140,8 +139,8 @@ class ActionLog:
     """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """`program` is the name of the sending program, such as "call". `on_error` is called at the first
-        failure, and again only at a failure after successful writing.
+        """`program` sends the requests, such as "call". `on_error` gets only the first of successive
+        failures.
         """
         self.folder = folder
         self._program = program
@@ -161,10 +160,7 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` sent; `time` is in ns since 1970. `log_reply` then logs the reply.
-
-        If `is_logged` is False, log neither the request nor its reply.
-        """
+        """If `is_logged`, log a request that `who` sent, and later its reply; `time` is in ns since 1970."""
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
             return
@@ -308,11 +304,6 @@ class ArmedCallLogger:
         self._connection = connection
         self._set_points = 0
         self._unanswered = b""
-
-    def on_observation(self, observation: Observation) -> None:
-        self.add_frame(
-            observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
-        )
 
     def add_frame(self, sent: bool, raw: bytes, timestamp: int) -> None:
         """Process a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""

@@ -45,8 +45,7 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Create a caller without a link. A link needs the caller as its receiver, so `attach` sets the link
-        later.
+        """Create a caller. A link needs the caller as its receiver, so `attach` sets the link later.
 
         If `fails_if_refused`, a call over UDP fails at the first error that the operating system reports for
         sent data, until the first data from the controller.
@@ -98,8 +97,7 @@ class Caller:
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
         """Send a datagram or bytes of a stream unchanged and without retries, even if they are invalid.
 
-        Return whether the controller sent data before `timeout` in s. Raises ConnectionError if the link is
-        lost.
+        Return whether the controller sent data within `timeout` s. Raises ConnectionError for a lost link.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:

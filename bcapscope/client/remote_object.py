@@ -47,8 +47,7 @@ def required_variant(reply: Frame, name: str) -> Variant:
 
 
 class RemoteObject:
-    """An object in the controller, with its handle. At the end of an `async with` block, the object is
-    released.
+    """An object in the controller, with its handle. The end of an `async with` block releases the object.
 
     `owner` is the class of the object, with which the names of its functions begin.
     """

@@ -34,8 +34,7 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is the time in ns between the planned and the actual start of the call. A call begins late if
-    earlier calls took longer than in the recording.
+    `delay` is how much later than planned the call began, in ns, because earlier calls took longer.
     """
 
     script_call: ScriptCall
@@ -85,9 +84,7 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Recorded pauses are shortened to `longest_pause` ns. `anywhere` allows slave mode even if the robot
-        is not at the first set point.
-        """
+        """Cuts pauses to `longest_pause` ns. `anywhere` allows slave mode away from the first set point."""
         self._script = script
         self._opener = opener
         self._channel = channel

@@ -60,8 +60,7 @@ def mode_entered(call: ScriptCall) -> int | None:
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
     """Yield each series of set points. Until a call shows the slave mode, they count as joint positions.
 
-    Raises UnreadableSetPointError if a set point is not a pose, or if the number of axes changes within a
-    series.
+    Raises UnreadableSetPointError if a set point is no pose, or the number of axes changes in a series.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

@@ -110,10 +110,7 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
 
 
 class Arguments(tuple[Variant, ...]):
-    """Arguments of a function, or the elements of a command's parameter.
-
-    A missing argument without a default refuses the call.
-    """
+    """Arguments of a function, or elements of a parameter. A missing one without a default is refused."""
 
     __slots__ = ()
 

@@ -15,10 +15,7 @@ from bcapscope.protocol.tables.hresult import S_OK
 
 
 class RefusalCode:
-    """Result codes with which the controller refuses calls and stops motions.
-
-    If a code depends on the axis, the constant is the code for axis 0; add the axis number (1 to 8).
-    """
+    """Result codes of refusals and stops. If a code depends on the axis, add the axis number (1 to 8)."""
 
     OBJECT_NOT_FOUND = 0x80000204
     NOT_WRITABLE = 0x8000020A
@@ -63,10 +60,7 @@ class CallResult(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RunningCall:
-    """A call that the simulator has not finished. Both functions get the current time in ns.
-
-    `poll` returns None while the call runs, and `due` the time in ns of the next poll.
-    """
+    """A call that runs until `poll` returns a result. `due` returns the time in ns of the next poll."""
 
     poll: Callable[[int], CallResult | None]
     due: Callable[[int], int]

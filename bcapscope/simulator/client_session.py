@@ -53,10 +53,7 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
 
 
 class ClientSession:
-    """The session of one client. Times are in ns.
-
-    `wdt` is the time between two S_EXECUTING notices, or None if the client gets no notices.
-    """
+    """The session of one client. `wdt` is the time in ns between two S_EXECUTING notices, if any."""
 
     def __init__(self, machine: Machine, number: int) -> None:
         self.machine = machine
@@ -128,11 +125,9 @@ class ClientSession:
         self.machine.open_objects[self.number] = self.objects
 
     def _connect(self, arguments: Arguments) -> Variant:
-        """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
-        provider.
+        """Open the controller. RC7 ignores all four arguments; other controllers require their provider.
 
-        The name of an open controller object is in use. If a client crashes, its names stay in use until the
-        controller removes the client.
+        If a client crashes, the names of its controller objects stay in use until the controller removes it.
         """
         name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers

@@ -88,10 +88,7 @@ def _stop(context: CallContext) -> None:
 
 
 def _two_finger_grip(context: CallContext) -> HandlerOutcome:
-    """Parameters: width [mm], force [N], speed [%], and whether to wait for the end of the motion.
-
-    A call that waits fails if the hand grips nothing.
-    """
+    """Parameters: width [mm], force [N], speed [%], and whether to wait for the end of the motion."""
     items, hand = context.items, context.machine.equipment.gripper
     width, force, speed = items.number(0), _force(hand, items.number(1)), _speed(hand, items.number(2))
     waits = items.integer(3, default=1) != 0

@@ -8,7 +8,7 @@ it. The simulator lacks Rotate, because no document describes its planes.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from datetime import datetime, timedelta
 from functools import partial
 
@@ -127,14 +127,6 @@ _EXTENSIONS: Mapping[str, CommandTable] = {
 _STATE_DONE = 2
 
 
-_KNOWN_NAMES: Mapping[ObjectClass, Callable[[CallContext], Container[str]]] = {
-    ObjectClass.TASK: lambda context: context.machine.tasks,
-    ObjectClass.EXTENSION: lambda context: tuple(map(str.casefold, _EXTENSIONS)),
-    ObjectClass.COMMAND: lambda context: CONTROLLER_COMMANDS,
-}
-"""Existing names, in lower case."""
-
-
 def open_object(context: CallContext, kind: ObjectClass) -> Variant:
     """Open an object by name; with @IfNotMember, return the handle of an object that is already open."""
     name, option = context.arguments.text(0), context.arguments.text(1, default="")
@@ -145,9 +137,14 @@ def open_object(context: CallContext, kind: ObjectClass) -> Variant:
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
     """Refuse an object that the controller does not have. A robot may have any name."""
     machine, folded = context.machine, name.casefold()
+    known: Mapping[ObjectClass, Container[str]] = {
+        ObjectClass.TASK: machine.tasks,
+        ObjectClass.EXTENSION: _EXTENSION_HANDLERS,
+        ObjectClass.COMMAND: CONTROLLER_COMMANDS,
+    }
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
-    elif kind in _KNOWN_NAMES and folded not in _KNOWN_NAMES[kind](context):
+    elif kind in known and folded not in known[kind]:
         raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     elif kind is ObjectClass.FILE and folded not in machine.files:
         _create_file(context, name, option)

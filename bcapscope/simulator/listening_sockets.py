@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 from collections import deque
 from collections.abc import Hashable, Iterator
-from typing import TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
@@ -68,14 +67,12 @@ MAX_BYTES = 2 << 20
 
 _COST = 512
 
-Sender: TypeAlias = Hashable
-
 
 class DatagramQueue:
     """Waiting datagrams by sender, oldest first; `dropped` is the number of datagrams that did not fit."""
 
     def __init__(self) -> None:
-        self.waiting: dict[Sender, deque[tuple[int, bytes]]] = {}
+        self.waiting: dict[Hashable, deque[tuple[int, bytes]]] = {}
         self.dropped = 0
         self._bytes = 0
 
@@ -83,7 +80,7 @@ class DatagramQueue:
     def oldest_arrival(self) -> int:
         return min(queue[0][0] for queue in self.waiting.values())
 
-    def add(self, sender: Sender, received_at: int, data: bytes) -> None:
+    def add(self, sender: Hashable, received_at: int, data: bytes) -> None:
         queue = self.waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MAX_PER_SENDER):
@@ -94,7 +91,7 @@ class DatagramQueue:
         queue.append((received_at, data))
         self._bytes += size
 
-    def pop_one_per_sender(self) -> Iterator[tuple[Sender, int, bytes]]:
+    def pop_one_per_sender(self) -> Iterator[tuple[Hashable, int, bytes]]:
         for sender in list(self.waiting):
             queue = self.waiting[sender]
             came, data = queue.popleft()

@@ -111,10 +111,7 @@ class Alarm:
 
 
 class ControlLog:
-    """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns.
-
-    A record holds the time in ns since the controller's start, the commanded joints and the measured joints.
-    """
+    """Records the time in ns since the start, the commanded and the measured joints, every 8 ms."""
 
     def __init__(self, arm: Arm, started_at: int) -> None:
         self.records: deque[tuple[int, Joints, Joints]] = deque(maxlen=MAX_RECORDS)
@@ -244,9 +241,8 @@ class Machine:
             raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode now; the calls that wait for them return `code`.
-
-        Unless `is_reported`, the next slvMove also returns `code` if slave mode was on.
+        """End motions and slave mode. Waiting calls and, unless `is_reported`, the next slvMove return
+        `code`.
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -272,8 +268,7 @@ class Machine:
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call, and raise the error `code` unless it is already active.
 
-        If the error list held every refusal, 32 refused set points would displace the error that ended slave
-        mode.
+        Otherwise, 32 refused set points would displace the error that ended slave mode from the list.
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)

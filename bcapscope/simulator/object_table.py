@@ -34,10 +34,7 @@ class ControllerObject:
 
 
 class ObjectTable(dict[int, ControllerObject]):
-    """The open objects of one client, by handle. A handle is never used again.
-
-    Assumption: the release of an object also releases the objects opened from it.
-    """
+    """The open objects of one client, by handle. A handle is never used again."""
 
     _next = 1
 

@@ -50,12 +50,9 @@ class Profile:
 
     Attributes:
         name: Argument of `--profile`; `title` is the name that messages show.
-        generation: Generation of the controller, which decides the meaning of slave-mode numbers.
         mode_type: VARIANT type of slvGetMode's result.
         real: VARIANT type of the numbers in a pose.
         providers: Provider names that Controller_Connect accepts; () if the controller ignores the name.
-        needs_robslave: Whether slave mode needs the task RobSlave.
-        needs_arm: Whether motion needs TakeArm.
         running_result: Result code of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
     """

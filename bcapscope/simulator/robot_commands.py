@@ -114,10 +114,7 @@ def _fig(pose: PoseNumbers) -> float:
 
 
 def _pallet_position(context: CallContext) -> Variant:
-    """Run CalcPos: rows, columns, layer height in mm, four corners, pallet position and optionally the layer.
-
-    Positions and layers are counted from 1.
-    """
+    """Parameters: rows, columns, layer height [mm], four corners, position and layer, both counted from 1."""
     items = context.items
     rows, columns = (_count(items.at(index)) for index in (0, 1))
     height = items.number(2)
@@ -180,10 +177,7 @@ def motor(context: CallContext) -> RunningCall | None:
 
 
 def _ext_speed(context: CallContext) -> None:
-    """Set speed, acceleration and deceleration in percent; -1 keeps the current value.
-
-    An acceleration or deceleration of -2 stands for speed² / 100.
-    """
+    """Parameters in percent: -1 keeps the current value, and an acceleration of -2 means speed² / 100."""
     numbers = numbers_of(context.parameter)
     if not numbers:
         raise RefusedError(E_INVALIDARG)

@@ -166,13 +166,11 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The start state of a simulated controller, and the faults and events that happen to the controller.
 
     Attributes:
-        title: One sentence that says what the scenario shows.
         story: What happens, how the controller reacts, and which users reported this failure.
         shows: Rule that `bcapscope diagnose` reports as the root cause; None for no rule.
         then: Rules besides `shows` that `bcapscope diagnose` reports if the scenario's `client` is used.
         client: Client that the scenario is made for.
         defects: Defects of DENSO's C server that the controller has; None for the defects of the profile.
-        no_argument: Choice of the replies that carry no argument; None for the choice of the profile.
         variables: Initial values of variables by name, such as ``I1``, ``P3`` or ``IO128``.
         in_slave_mode: Faults and events that apply after slave mode is first entered.
     """

@@ -61,8 +61,7 @@ class ScenarioRunner:
         seed: int | None = None,
         on_news: Callable[[Message], None] = lambda news: None,
     ) -> None:
-        """`simulator` must have the scenario's profile and initial state. `seed` replaces that of the
-        scenario.
+        """`simulator` must have the scenario's profile and start state. `seed` replaces the scenario's seed.
 
         `on_news` gets the name of each event and fault that happens.
         """

@@ -101,10 +101,7 @@ class ClientHost:
         return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection, or return False at the maximum number of clients.
-
-        A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
-        """
+        """Return whether a connection is accepted. If the first request is a stop, there is extra room."""
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, False, now)

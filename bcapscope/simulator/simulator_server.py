@@ -6,12 +6,12 @@ import re
 import select
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from bcapscope.protocol.first_frame import first_frame_stops
-from bcapscope.simulator.listening_sockets import DatagramQueue, Sender, open_sockets
+from bcapscope.simulator.listening_sockets import DatagramQueue, open_sockets
 from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
 from bcapscope.simulator.simulator_clock import ClockedModel, SimulatorClock
 from bcapscope.transport.descriptors import SpareDescriptors, accept_connection
@@ -93,8 +93,7 @@ class SimulatorServer:
 
     Each request keeps its arrival time, which Linux records; on TCP, only that of the last byte. In modes
     where the client sets the pace, several set points may be read together. The server spreads their arrival
-    times evenly over the time since the client's previous bytes. In other modes, they have the same arrival
-    time.
+    times evenly over the time since the client's previous bytes.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -186,9 +185,7 @@ class SimulatorServer:
         return self._select(readers, wait)
 
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
-        """`epoll` refuses regular files, and stdin may be one. `poll` waits in ms, but a cycle of 8 ms needs
-        µs.
-        """
+        """`epoll` refuses regular files, even as stdin. `poll` waits in ms, but a cycle of 8 ms needs µs."""
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
 
@@ -225,7 +222,7 @@ class SimulatorServer:
         for address, came, data in self.datagram_queue.pop_one_per_sender():
             self._deliver_datagram(address, came, data)
 
-    def _deliver_datagram(self, address: Sender, came: int, data: bytes) -> None:
+    def _deliver_datagram(self, address: Hashable, came: int, data: bytes) -> None:
         self._send(self._model.on_datagram(("udp", address), data, self._clock.make_monotonic(came)))
         self._clock.on_replies_sent()
 

@@ -24,7 +24,6 @@ class SlaveDrive:
         run_number: Number of slave-mode sessions so far.
         consumed: Number of set points consumed in this slave-mode session.
         async_detector: Whether a late set point is an error in RC7's Async modes; a setting on the pendant.
-        receive_format: Format of slvMove's result; None before slvRecvFormat.
         unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
     """
 
