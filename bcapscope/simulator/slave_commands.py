@@ -176,9 +176,9 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
 def _write_io(context: CallContext, point: SetPoint) -> None:
     memory = context.machine.memory
     if point.mini_io is not None:
-        memory.write("IOB", MINI_IO + 24, i4(point.mini_io >> 24))  # only these eight bits are written
+        memory.io[3] = point.mini_io >> 24 & 0xFF  # IO24 to IO31; the other bits are not written
     if point.hand_io is not None:
-        memory.write("IOB", HAND_IO + 16, i4(point.hand_io >> 16))
+        memory.io[8] = point.hand_io >> 16 & 0xFF  # IO64 to IO71
     if point.user_write is not None and point.user_write.data is not None:
         start, stop = _run(point.user_write)
         memory.io[start:stop] = point.user_write.data[: stop - start].ljust(stop - start, b"\0")
