@@ -126,8 +126,6 @@ class ScenarioRunner:
     def has_running_calls(self) -> bool:
         return self.simulator.has_running_calls
 
-    # faults and events
-
     def _schedule(self, faults_and_events: FaultsAndEvents, now: int) -> None:
         for each in faults_and_events:
             if not isinstance(each, ScenarioEvent):
@@ -160,8 +158,6 @@ class ScenarioRunner:
         if not self._was_in_slave_mode and self.simulator.machine.slave.mode is not None:
             self._was_in_slave_mode = True
             self._schedule(self._scenario.in_slave_mode, now)
-
-    # messages
 
     def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
         outputs = self._trigger_events(line, data, now) if self._triggered else []
@@ -225,8 +221,6 @@ class ScenarioRunner:
             return []
         self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, ResetMarker() if closing.how is CloseMode.RESET else b"")]
-
-    # clients
 
     def _line_of(self, peer: Peer, transport: Transport) -> _ClientLine:
         line = self._lines.pop(peer, None) or self._new_line(peer, transport)
