@@ -166,7 +166,8 @@ class _CallRunner:
     def _on_packet(self, observation: Observation) -> None:
         self._packets.append(observation)
         if self._log is not None:
-            self._log.on_observation(observation)
+            is_request = observation.flow.direction is Direction.REQUEST
+            self._log.add_frame(is_request, observation.item.raw, observation.time)
 
     async def _is_allowed(
         self, request: PlannedCall, arguments: Sequence[Variant], opener: ObjectOpener

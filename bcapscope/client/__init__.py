@@ -1,14 +1,4 @@
-"""The client: sessions with a controller, the controller's objects with typed methods, and a synchronous
-wrapper.
-
-    async with connect(over_udp("192.168.0.1")) as service:
-        controller = await service.connect("", "CaoProv.DENSO.VRC", "localhost")
-        robot = await controller.get_robot("Arm")
-        print(await robot.execute("CurJnt"))
-
-When the block ends, all objects that were opened in the block are released, newest first, even after an
-error.
-"""
+"""The client: sessions with a controller, its objects with typed methods, and a synchronous wrapper."""
 
 from bcapscope.client.blocking import Blocking
 from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, RetryPolicies

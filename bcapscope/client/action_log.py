@@ -1,8 +1,8 @@
 """The action log lists what bcapscope's own clients send to a controller. Each line is a JSON object.
 
-`call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
-lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but no
-longer than `LINE_TIMEOUT`. If the log cannot be written, bcapscope shows a warning and still makes the calls.
+A separate thread writes the lines, so a slow disk never delays a stop. A call that needs arming waits until
+its line is written, but no longer than `LINE_TIMEOUT`. If the log cannot be written, bcapscope shows a
+warning and still makes the calls.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import call_kind_of
-from bcapscope.traffic.observation import Conversation, Direction, Observation, Transport
+from bcapscope.traffic.observation import Conversation, Transport
 
 
 class LogFiles:
@@ -38,25 +38,21 @@ class LogFiles:
 
     Attributes:
         path: Path of the file to which the last line was written; before the first line, path of the folder.
-        max_file_size: Size limit of a file in bytes. A line that would exceed this size begins the next file
-            of the day.
-        max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest files are
-            deleted.
+        max_file_size: In bytes. A line that would exceed this size begins the next file of the day.
+        max_total_size: In bytes. Before a new file begins, the oldest files are deleted.
     """
 
     max_file_size = 16 << 20
     max_total_size = 128 << 20
 
     def __init__(self, folder: Path) -> None:
-        """Prepare the log files. When the first line is written, `folder` is created if it does not exist."""
         self.path = folder
         self._folder = folder
         self._is_torn = False
 
     def append(self, line: bytes) -> None:
-        """Append a line with a single write, so that other processes can append to the same file.
-
-        Raises OSError if the line was not written completely.
+        """Append a line with a single write, because other processes append too. An incomplete line is an
+        OSError.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line
@@ -85,7 +81,6 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest log files to make room for a new file. Stop if a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -113,7 +108,7 @@ MAX_WAITING = 4096
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Receives the path of a file that cannot be written, and the reason. Any thread may call the function."""
+"""Gets the path of a file that cannot be written, and the reason. Any thread may call the function."""
 
 
 class LoggedConnection(NamedTuple):
@@ -144,10 +139,8 @@ class ActionLog:
     """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """Prepare the log. The log files are created with the first line.
-
-        `program` is the name of the sending program, such as "call". When writing fails, `on_error` is
-        called. Further failures are not reported until writing has succeeded again.
+        """`program` sends the requests, such as "call". `on_error` gets only the first of successive
+        failures.
         """
         self.folder = folder
         self._program = program
@@ -167,11 +160,7 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` sent; `time` is the time of sending in ns since 1970-01-01 UTC.
-        `log_reply` then logs the reply to this request.
-
-        If `is_logged` is False, log neither the request nor its reply.
-        """
+        """If `is_logged`, log a request that `who` sent, and later its reply; `time` is in ns since 1970."""
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
             return
@@ -202,15 +191,12 @@ class ActionLog:
             self._write(time, connection, {**fields, **_hex(item.raw)}, False)
 
     def log_set_points(self, connection: LoggedConnection, count: int, time: int, who: str) -> None:
-        """Write one line that says how many consecutive set points `who` sent."""
         self._write(
             time, connection, {"who": who, "sent": "Robot_Execute slvMove", "set_points": count}, False
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, but no longer than `CLOSE_TIMEOUT`. If a line is logged after
-        `close`, a new thread writes the line.
-        """
+        """Wait for `CLOSE_TIMEOUT` until all lines are written. A new thread writes any later line."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:
@@ -270,16 +256,12 @@ def _json(fields: dict[str, object]) -> bytes:
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes of a frame as hex and, if the frame is too long to log completely, its size."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types, and subtract the number of converted values from `left[0]`.
-
-    `left[0]` is the number of values for which the log line still has room.
-    """
+    """Convert a value to JSON types. `left[0]` is the number of values for which the line still has room."""
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}
@@ -313,9 +295,8 @@ _FUNCTION_ID = 9
 class ArmedCallLogger:
     """Receives all frames of a connection, and logs the calls that need arming.
 
-    The first set point of a series is logged like any other call. One further line stands for all later set
-    points of the series, and says how many there were. If a set point is sent again before a reply arrives,
-    it counts as a retry.
+    The first set point of a series is logged like any other call. One further line gives the number of all
+    later ones. A set point that is sent again before a reply arrives counts as a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -323,11 +304,6 @@ class ArmedCallLogger:
         self._connection = connection
         self._set_points = 0
         self._unanswered = b""
-
-    def on_observation(self, observation: Observation) -> None:
-        self.add_frame(
-            observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
-        )
 
     def add_frame(self, sent: bool, raw: bytes, timestamp: int) -> None:
         """Process a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""
@@ -355,10 +331,7 @@ class ArmedCallLogger:
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """If set points were counted since the last line about set points, log their number.
-
-        `timestamp` is the time of the line in ns; None means now.
-        """
+        """Log the number of set points since the last such line, if any; by default with the current time."""
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

@@ -35,8 +35,8 @@ EventListener: TypeAlias = Callable[[RequesterEvent], None]
 class Caller:
     """Makes calls over a link, one after the other, and passes every frame to an observer.
 
-    A `Requester` decides what to send. After each input, such as a received frame, the caller sends the
-    requester's frames, sets the timer and reports events.
+    After each input, such as a received frame, the caller sends the frames of its `Requester`, sets the timer
+    and reports events.
     """
 
     def __init__(
@@ -45,12 +45,10 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Create a caller without a link; `attach` sets the link. A link needs the caller as its receiver, so
-        the caller is created first.
+        """Create a caller. A link needs the caller as its receiver, so `attach` sets the link later.
 
-        If `fails_if_refused` is True, a call over UDP fails at the first error that the operating system
-        reports for sent data. After the first data from the controller, errors of the operating system no
-        longer end a call.
+        If `fails_if_refused`, a call over UDP fails at the first error that the operating system reports for
+        sent data, until the first data from the controller.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer
@@ -80,8 +78,8 @@ class Caller:
     ) -> RequesterOutcome:
         """Make a call and return its outcome, such as the reply or a timeout.
 
-        Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost.
-        If `fails_if_refused` is True, a closed port of the controller also raises ConnectionError.
+        Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost or,
+        with `fails_if_refused`, if the controller's port is closed.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -97,11 +95,9 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes unchanged and without retries, even if they are invalid. Return whether the controller
-        sent data before `timeout`.
+        """Send a datagram or bytes of a stream unchanged and without retries, even if they are invalid.
 
-        `raw` is one datagram, or bytes of a stream. `timeout` is in s. Raises ConnectionError if the link is
-        lost.
+        Return whether the controller sent data within `timeout` s. Raises ConnectionError for a lost link.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -139,7 +135,6 @@ class Caller:
             self._pending_call.set_exception(ConnectionRefusedError(reason))
 
     def on_link_lost(self, reason: Message) -> None:
-        """After the link is lost, let the pending call and all later calls fail."""
         self._lost_reason = reason
         if self._pending_call is not None and not self._pending_call.done():
             self._pending_call.set_exception(ConnectionResetError(self._lost_reason))

@@ -31,7 +31,7 @@ async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
 
 
 async def clear_errors(controller: Controller) -> None:
-    """Clear the active errors of a controller. Raises what `Session.call` raises."""
+    """Raises what `Session.call` raises."""
     await controller.execute("ClearError")
 
 

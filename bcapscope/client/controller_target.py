@@ -24,12 +24,9 @@ DEFAULT_PORT = 5007
 class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
-    Attributes:
-        others: Policy for all calls except slvMove. The default is 4 retries, or 3 retries in an Async
-            mode.
-        sync: Policy for slvMove in a mode that is not Async: a timeout of 2 ms and 7 retries. All attempts
-            together take two cycle times.
-        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows soon.
+    `sync` is for slvMove: with 7 retries, all attempts together take two cycle times. `asynchronous` is for
+    slvMove in an Async mode, without a retry, because the next set point follows soon. `others` is for other
+    calls.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)
@@ -38,13 +35,12 @@ class RetryPolicies(NamedTuple):
 
 
 DEFAULT_RETRY_POLICIES = RetryPolicies()
-"""Policies that DENSO recommends."""
 
 DEFAULT_TIMEOUT_MS = DEFAULT_RETRY_POLICIES.others.timeout / _MS
 DEFAULT_RETRIES = DEFAULT_RETRY_POLICIES.others.retries
 
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
-"""Retry policy that DENSO recommends in an Async mode for all calls except slvMove."""
+"""What DENSO recommends in an Async mode for all calls except slvMove."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +52,7 @@ class ControllerTarget:
         retries: Maximum number of retries, for all calls except slvMove.
         convention: Convention of the reserved field; None for the default convention of the transport.
         service: Option string that is sent with Service_Start.
-        name: Argument of Controller_Connect; `provider`, `machine` and `connect_option` are its other
-            arguments.
+        name: Argument of Controller_Connect, as are `provider`, `machine` and `connect_option`.
     """
 
     host: str
@@ -81,7 +76,7 @@ class ControllerTarget:
         return RetryPolicies(others=RetryPolicy(round(self.timeout * _MS), self.retries))
 
     def convention_for(self, datagrams: bool) -> ReservedConvention:
-        """Return the convention of the reserved field. `datagrams` is True for UDP and False for TCP."""
+        """`datagrams` is True for UDP and False for TCP."""
         allowed = client_conventions(datagrams)
         return self.convention if self.convention in allowed else allowed[0]
 

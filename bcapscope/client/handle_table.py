@@ -11,8 +11,7 @@ from bcapscope.protocol.tables.function_table import Function, ObjectClass
 
 
 class ObjectHandle(NamedTuple):
-    """An object in the controller that the client has opened, with its handle. `parent` is None for a
-    controller.
+    """An object that the client has opened. `parent` is None for a controller.
 
     `opened_with` holds the string arguments of the call that opened the object, such as name and option.
     """
@@ -24,9 +23,7 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name of the object for display: the first string of `opened_with`. If the object has no name, the
-        label consists of its class and handle, such as `Message 3`.
-        """
+        """Name for display: the first string of `opened_with`, or class and handle, such as `Message 3`."""
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 
 
@@ -51,12 +48,10 @@ class HandleTable:
             self._unreleased.pop((function.releases, handle), None)
 
     def find(self, kind: ObjectClass, handle: int | None) -> ObjectHandle | None:
-        """Return the open object with this handle, or None if the handle is unknown or released."""
         found = None if handle is None else self._unreleased.get((kind, handle))
         return found if found is not None and self._is_open(found) else None
 
     def find_named(self, kind: ObjectClass, name: str, parent: ObjectHandle) -> ObjectHandle | None:
-        """Return the newest open object with this name that the client opened through `parent`, or None."""
         found = (one for one in self._newest_first(kind) if one.label == name and one.parent == parent)
         return next(found, None)
 

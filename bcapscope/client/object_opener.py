@@ -26,13 +26,11 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
     ObjectClass.ROBOT: DEFAULT_ROBOT,
     ObjectClass.TASK: ROBSLAVE,
 }
-"""For each class, the name that an object of this class has on most controllers."""
+"""Name of an object of each class on most controllers."""
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
-"""Result codes with which RC8 and the CAO engine refuse a provider name (orin_bcap
-C/include/bcap_common.h).
-"""
+"""Refusals of a provider name by RC8 and the CAO engine (orin_bcap C/include/bcap_common.h)."""
 
 
 class ObjectOpener:
@@ -68,11 +66,9 @@ class ObjectOpener:
         return await self._open_named(object_class)
 
     async def open_remote(self, kind: type[R]) -> R:
-        """Return the newest open object of a class; if no object of the class is open, open one."""
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
-        """Start the service unless the session has already started the service."""
         if not self.session.handles.is_service_started:
             await self.session.invoke("Service_Start", self._target.service)
 
@@ -90,9 +86,6 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the object with this name. If the object is not open, open the object through
-        `parent`.
-        """
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle
@@ -106,9 +99,6 @@ class ObjectOpener:
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator. Only the simulator has
-        `SIMULATOR_VARIABLE`.
-        """
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 
@@ -141,9 +131,7 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable. Return EMPTY if the reply has no value, and None if the controller
-    refuses a call.
-    """
+    """Open, read and release a variable. Return None for a refused call, and EMPTY for no value."""
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

@@ -18,12 +18,10 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Return the handle in a reply; raise RemoteProtocolError if the reply has no handle."""
     return expect_value(reply, int, "reply.a-handle")
 
 
 def first_variant(reply: Frame) -> Variant | None:
-    """Return the value in a reply; None if the reply has no value."""
     arguments = reply.arguments
     return arguments[0].variant if arguments else None
 
@@ -31,8 +29,7 @@ def first_variant(reply: Frame) -> Variant | None:
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
-    `wanted` is a message id, such as `reply.a-handle`. The error text shows this message as the expected
-    type.
+    `wanted` is the id of a message that names the expected type, such as `reply.a-handle`.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
@@ -42,9 +39,7 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply; raise RemoteProtocolError if the reply has no value. The error text
-    contains `name`, such as the name of a variable or a command.
-    """
+    """Return the value in a reply, or raise RemoteProtocolError, whose text contains `name`."""
     variant = first_variant(reply)
     if variant is None:
         raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)
@@ -52,13 +47,9 @@ def required_variant(reply: Frame, name: str) -> Variant:
 
 
 class RemoteObject:
-    """An object in the controller, with its handle. At the end of an `async with` block, the object is
-    released.
+    """An object in the controller, with its handle. The end of an `async with` block releases the object.
 
-    Attributes:
-        owner: Class of the object; the names of the object's functions begin with the name of this class.
-        session: Session that makes the calls.
-        handle: Number with which the controller identifies the object.
+    `owner` is the class of the object, with which the names of its functions begin.
     """
 
     owner: ClassVar[ObjectClass]
@@ -68,9 +59,7 @@ class RemoteObject:
         self.handle = handle
 
     async def release(self) -> None:
-        """Release the object. If you do not release the object, the session releases it when the session's
-        block ends.
-        """
+        """Release the object. The session releases it anyway when the session's block ends."""
         await self._invoke("Release")
 
     async def __aenter__(self) -> Self:

@@ -37,7 +37,7 @@ _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
 
 HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
-"""Retry policy for calls of Robot_Halt: one attempt every 16 ms, for about a second."""
+"""One attempt of Robot_Halt every 16 ms, for about a second."""
 
 _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
@@ -51,7 +51,7 @@ def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
 
 
 class BaseCaller(Protocol):
-    """Interface that a session uses to make its calls, such as a `Caller`."""
+    """What a session needs to make its calls. Each method works as in `Caller`."""
 
     @property
     def link(self) -> Link: ...
@@ -68,15 +68,12 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    Over TCP, a call has only one attempt. The timeout of a TCP call is as long as the timeouts of all UDP
-    attempts together. Over TCP, slvMove has the same timeout as other calls, because TCP needs longer than a
-    cycle time to retransmit lost data.
+    Over TCP, a call has only one attempt, whose timeout is as long as all UDP attempts together. This also
+    applies to slvMove, because TCP needs longer than a cycle time to retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
-        handles: Objects that the calls have opened.
-        check_armed: Function that the session runs before each b-CAP call that needs arming. If the function
-            raises an exception, the call is not made.
+        check_armed: Runs before each call that needs arming; an exception prevents the call.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
@@ -88,9 +85,7 @@ class Session:
         self._is_starting = False
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call and return its outcome, such as a reply or a timeout. Raises LocalProtocolError if the
-        call cannot be sent, and ConnectionError if the link is lost.
-        """
+        """Make a call and return its outcome. Raises LocalProtocolError and ConnectionError."""
         if self.check_armed is not None and self.needs_arming(function_id, arguments):
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
@@ -126,9 +121,7 @@ class Session:
         raise CallTimeout(name, settled.attempts)
 
     async def invoke(self, name: str, *values: object) -> Frame:
-        """Call a b-CAP function by its name, with Python values as arguments. Raises the exceptions of
-        `call`.
-        """
+        """Call a b-CAP function by its name, with Python values as arguments. Raises what `call` raises."""
         function = function_by_name(name)
         assert function is not None, name
         return await self.call(function.id, arguments_of(function, values))
@@ -136,9 +129,8 @@ class Session:
     async def close(self) -> None:
         """Leave slave mode, release all open objects, newest first, and close the link.
 
-        If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects. The controller must release the objects that the session leaves open. A controller that is
-        busy with a motion reads Service_Stop when the motion ends.
+        If the controller no longer replies, only send Service_Stop, once; a controller that is busy with a
+        motion reads it when the motion ends.
         """
         try:
             if self._is_starting:
@@ -184,9 +176,7 @@ class Session:
         return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot. The variable's name and the value decide
-        whether Variable_PutValue needs arming.
-        """
+        """Return whether a call can energise or move the robot; PutValue depends on name and value."""
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
@@ -202,8 +192,7 @@ class Session:
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
-    """Stop the robot at once. Raises what `Session.call` raises. `pause` is a function that waits for the
-    given number of ns.
+    """Stop the robot at once. Raises what `Session.call` raises. `pause` waits for the given number of ns.
 
     While another call of the connection runs, the controller replies that it is busy, or does not reply
     (orin_bcap C/src/bCAPServer/bcap_server.c).
@@ -247,8 +236,7 @@ async def open_session(
     listener: EventListener | None = None,
     fails_if_refused: bool = False,
 ) -> AsyncIterator[Session]:
-    """Open a link, or raise OSError. At the end of the block, the session releases all objects that its calls
-    opened.
+    """Open a link, or raise OSError. At the end of the block, the session releases what its calls opened.
 
     `open_link` is the result of `over_udp` or `over_tcp`. The default `convention` is `SEED` over UDP, and
     `TCP0` over TCP. `observer` receives every frame, and `listener` every event. `Caller` explains

@@ -1,8 +1,7 @@
 """Answer a client with the replies of a recorded controller.
 
 The replies contain the recorded handles. Therefore, a client that repeats the recorded calls sends requests
-with the recorded handles. `RecordedController` uses no I/O and no clock, and has the interface of a
-`Simulator`.
+with the recorded handles.
 """
 
 from __future__ import annotations
@@ -25,9 +24,8 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Another client may replace a UDP client that has sent no request for this time in ns. `IDLE_CLIENT_NS`
-exceeds the 1 s between two attempts of a client that gets no reply (DENSO Wave 2009, How to use the Slave
-mode).
+"""Another client may replace a UDP client after this time in ns without a request. It exceeds the 1 s between
+two attempts of a client that gets no reply (DENSO Wave 2009, How to use the Slave mode).
 """
 
 _SERVICE_START = CallKind(1, None)
@@ -36,11 +34,9 @@ _SERVICE_START = CallKind(1, None)
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    `find` returns the next recorded call whose function, command and arguments equal those of the request. If
-    `find` has already returned all recorded calls with these arguments, `find` returns the last of these
-    calls again. If the recording has no call with these arguments, `find` compares only function and command.
-    If the client sends a further Service_Start after the last recorded one, `find` begins again at the first
-    recorded call.
+    `find` returns the next recorded call with the same function, command and arguments. After the last such
+    call, it returns this call again. If no recorded call has these arguments, only function and command
+    count. A further Service_Start after the last recorded one begins again at the first recorded call.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -54,14 +50,12 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a new `ScriptLookup` of the same recorded calls, which begins at the first recorded call."""
         lookup = copy(self)
         lookup._next = {}
         return lookup
 
     def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
-        """Return the recorded call that answers a request; None if the recording has no call of this function
-        and command."""
+        """Return the recorded call; None if the recording has no call of this function and command."""
         kind = _casefolded(kind)
         calls = self._calls.get(kind)
         if calls is None:
@@ -79,14 +73,12 @@ class ScriptLookup:
 
 
 def _casefolded(kind: CallKind) -> CallKind:
-    """Return `kind` with its command in lower case, because controllers ignore the case of commands."""
+    """Controllers ignore the case of commands."""
     command = kind.command
     return kind if command is None else CallKind(kind.function_id, command.casefold())
 
 
 class _ReplayClient(HostedClient):
-    """Replays the recording to one client. The replay answers one call at a time."""
-
     def __init__(
         self,
         number: int,
@@ -123,7 +115,6 @@ class _ReplayClient(HostedClient):
         return frames
 
     def due(self, now: int) -> int | None:
-        """Return the time in ns from which `poll` yields the next frame; None if there is no next frame."""
         if self._frame is None:
             return None
         if self._notice_offsets:
@@ -133,7 +124,6 @@ class _ReplayClient(HostedClient):
 
     @property
     def _is_unanswered(self) -> bool:
-        """Whether the recording has no reply to the current call."""
         return self._frame is not None and self._script_call is not None and self._script_call.hresult is None
 
     def _start_call(self, frame: Frame, now: int) -> list[bytes]:
@@ -168,12 +158,10 @@ class _ReplayClient(HostedClient):
 
 
 class RecordedController(ClientHost):
-    """Plays the role of a recorded controller. Each client gets the recorded replies from the beginning of
-    the recording.
+    """Plays the role of a recorded controller. Each client gets the recorded replies from the beginning.
 
-    If the recording has no usable reply to a call, the replay answers E_NOTIMPL. `unknown_calls` is the
-    number of calls without a usable reply. The replay uses its clock only to reproduce recorded delays. The
-    replay's clock may therefore stop while the process is suspended.
+    The replay answers E_NOTIMPL to a call without a usable reply, and counts it in `unknown_calls`. The clock
+    only reproduces recorded delays, and may stop while the process is suspended.
     """
 
     evictable_after = IDLE_CLIENT_NS
@@ -183,7 +171,6 @@ class RecordedController(ClientHost):
     def __init__(
         self, script: ReplayScript, report: Callable[[Peer, CallReport], None], *, delays: bool = True
     ) -> None:
-        """Start without clients. With `delays`, replies take as long as those of the recorded controller."""
         super().__init__(self._replay_to_client, report)
         self.unknown_calls = 0
         self._lookup = ScriptLookup(script.calls)

@@ -32,7 +32,7 @@ class ScriptCall(NamedTuple):
 
 
 class ReplayScript(NamedTuple):
-    """The recorded calls of one client, in the order of their first attempts. A script has at least one call.
+    """The recorded calls of one client, at least one, in the order of their first attempts.
 
     `reply_reserved` says how the recorded controller fills the reserved field of its replies.
     """

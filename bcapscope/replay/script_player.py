@@ -1,5 +1,4 @@
-"""Make the calls of a script to a controller. The player replaces recorded handles by the handles that this
-controller gives."""
+"""Make the calls of a script to a controller, with the handles that this controller gives."""
 
 from __future__ import annotations
 
@@ -25,9 +24,7 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
-"""Two numbers count as equal if their absolute or relative difference is at most this value. A robot never
-returns exactly the same positions or times twice.
-"""
+"""Tolerances for equal numbers: a robot never returns exactly the same positions or times twice."""
 
 
 class NotAtStartError(BcapError):
@@ -37,8 +34,7 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is the time in ns between the planned and the actual start of the call. A call begins late if
-    earlier calls took longer than in the recording.
+    `delay` is how much later than planned the call began, in ns, because earlier calls took longer.
     """
 
     script_call: ScriptCall
@@ -48,9 +44,7 @@ class PlayedCall(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """True if the recorded call and the played call have different result codes, or if only one of the
-        two calls has a reply.
-        """
+        """Whether the result codes differ, or only one of the two calls has a reply."""
         result = self.result
         return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
 
@@ -78,9 +72,8 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    A recording that does not begin with Service_Start may use objects that were opened before the recording
-    began. `ObjectOpener` opens these objects. At the end of the replay, the client session releases the
-    objects that the recording leaves open.
+    A recording may use objects that were opened before it began; `ObjectOpener` opens these objects. At the
+    end of the replay, the client session releases the objects that the recording leaves open.
     """
 
     def __init__(
@@ -91,11 +84,7 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare to play, but send nothing yet. If a recorded pause is longer than `longest_pause` ns, the
-        player waits only for `longest_pause`.
-
-        `anywhere` allows slave mode even if the robot is not at the first set point.
-        """
+        """Cuts pauses to `longest_pause` ns. `anywhere` allows slave mode away from the first set point."""
         self._script = script
         self._opener = opener
         self._channel = channel
@@ -104,8 +93,7 @@ class ScriptPlayer:
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
     async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
-        """Play the script to its end, or until `on_played` returns False. `on_played` receives each played
-        call.
+        """Play the script to its end, or until `on_played` returns False.
 
         Raises NotAtStartError and OSError. Raises ValueError if the name of an object in the script is
         unknown. Raises BcapError if the player cannot open an object, or cannot send a call.
@@ -134,8 +122,7 @@ class ScriptPlayer:
             yield at
 
     async def _current_arguments(self, call: ScriptCall) -> tuple[Variant, ...] | None:
-        """Return the arguments, with the current handle instead of the recorded handle. Return None if the
-        call releases an object that is not open."""
+        """Replace the recorded handle. Return None if the call releases an object that is not open."""
         function = FUNCTIONS.get(call.kind.function_id)
         old = first_number(call.arguments)
         if function is None or not function.takes_handle or old is None:
@@ -186,7 +173,7 @@ class ScriptPlayer:
 
 
 def _nearly_equal(first: object, second: object) -> bool:
-    """Compare two values. Numbers may differ by the tolerance; a `Variant` is compared as a tuple."""
+    """Numbers may differ by the tolerance; a `Variant` is compared as a tuple."""
     if isinstance(first, float) and isinstance(second, float):
         same = math.isclose(first, second, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
         return same or (math.isnan(first) and math.isnan(second))

@@ -31,20 +31,17 @@ from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""The check assumes at least this time in seconds between two set points. No controller accepts set points at
-shorter intervals.
-"""
+"""Least time in s that the check assumes between two set points; controllers accept no shorter one."""
 
 
 class UnreadableSetPointError(BcapError):
-    """Raised if bcapscope cannot read a set point, and so does not know where the robot would move."""
+    """bcapscope cannot read a set point, and so does not know where the robot would move."""
 
 
 class SetPointRun(NamedTuple):
-    """Successive set points of a `ReplayScript`. The client stays in slave mode between these set points.
+    """Successive set points of a `ReplayScript`, between which the client stays in slave mode.
 
-    The trajectory also contains refused set points, because a replay sends all set points. `sent_at` is in
-    seconds.
+    The trajectory also contains refused set points, because a replay sends them. `sent_at` is in seconds.
     """
 
     first_call: int
@@ -53,7 +50,7 @@ class SetPointRun(NamedTuple):
 
 
 def mode_entered(call: ScriptCall) -> int | None:
-    """Return the number of the slave mode that a call enters; None if the call does not enter slave mode."""
+    """Return the number of the slave mode that a call enters, if any."""
     parameter = command_parameter(call.arguments)
     if parameter is None or call.kind.folded_command != "slvchangemode":
         return None
@@ -61,11 +58,9 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield each series of set points in a script as a `SetPointRun`. Until a call shows the slave mode, set
-    points count as joint positions.
+    """Yield each series of set points. Until a call shows the slave mode, they count as joint positions.
 
-    Raises UnreadableSetPointError if a set point is not a pose, or if the number of axes changes within a
-    series.
+    Raises UnreadableSetPointError if a set point is no pose, or the number of axes changes in a series.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

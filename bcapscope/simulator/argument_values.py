@@ -1,10 +1,4 @@
-"""Functions that make the simulated controller's VARIANT values, and functions that read a client's values
-leniently.
-
-The C server passes arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c). No known
-document says how leniently a real controller reads values. The simulator accepts any numeric type where it
-expects a number.
-"""
+"""Functions that make VARIANT values, and functions that read a client's values leniently."""
 
 from __future__ import annotations
 
@@ -63,7 +57,6 @@ def clip_to_r4(number: float) -> float:
 
 
 def _signed(number: int, bits: int) -> int:
-    """Return the lowest `bits` bits of a number as a signed number."""
     low = number & (1 << bits) - 1
     return low - (1 << bits) if low >> bits - 1 else low
 
@@ -82,12 +75,10 @@ def number_of(variant: Variant) -> float | int:
 
 
 def integer_of(variant: Variant) -> int:
-    """Read a number as `number_of` does, and cut off its fraction."""
     return int(number_of(variant))
 
 
 def number_within(variant: Variant, allowed: range, refusal: int) -> int:
-    """Read an integer. If the number is not in `allowed`, refuse the call with the code `refusal`."""
     number = integer_of(variant)
     if number not in allowed:
         raise RefusedError(refusal)
@@ -95,9 +86,7 @@ def number_within(variant: Variant, allowed: range, refusal: int) -> int:
 
 
 def text_of(variant: Variant) -> str:
-    """Return the text of a VARIANT; "" for EMPTY and NULL. If the VARIANT is neither text, EMPTY nor NULL,
-    refuse the call.
-    """
+    """Return the text of a VARIANT, "" for EMPTY and NULL; refuse any other value."""
     if variant.value is None:
         return ""
     if isinstance(variant.value, str):
@@ -117,16 +106,11 @@ def items_of(variant: Variant) -> Arguments:
 
 
 def numbers_of(variant: Variant) -> tuple[float, ...]:
-    """Read the elements of `items_of` as finite numbers. Refuse the call if an element is not a number."""
     return tuple(float(number_of(item)) for item in items_of(variant))
 
 
 class Arguments(tuple[Variant, ...]):
-    """Arguments of a function, or the elements of a command's parameter.
-
-    Each method reads the argument at an index. If the argument is missing and has no default, the method
-    refuses the call.
-    """
+    """Arguments of a function, or elements of a parameter. A missing one without a default is refused."""
 
     __slots__ = ()
 
@@ -142,10 +126,6 @@ class Arguments(tuple[Variant, ...]):
         if default is not None and index >= len(self):
             return default
         return integer_of(self.at(index))
-
-    def integer_within(self, index: int, allowed: range, refusal: int) -> int:
-        """Read an integer. If the integer is not in `allowed`, refuse the call with the code `refusal`."""
-        return number_within(self.at(index), allowed, refusal)
 
     def text(self, index: int, default: str | None = None) -> str:
         if default is not None and index >= len(self):

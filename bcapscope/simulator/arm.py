@@ -1,9 +1,6 @@
 """The arm over time: ordinary motions, set points, and encoders that lag behind the commanded joints.
 
-Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends
-at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` ago. The lag of real servos varies.
-In the replies that DENSO's guide shows, the joints lag by about a degree (DENSO Wave 2009, How to use the
-Slave mode).
+Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ NEVER = 1 << 62
 """Time in ns that means never: no clock reaches it."""
 
 PASS_SHARE = 0.7
-"""With @P, the next motion may begin after this share of a motion's duration. The figure is an assumption."""
+"""With @P, the next motion may begin after this share of a motion's duration."""
 
 # highest speed and acceleration of a minimum-jerk curve that covers distance 1 in time 1
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774
@@ -31,7 +28,7 @@ _Step: TypeAlias = tuple[int, Joints]
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion. The encoders reach `goal` later than the commanded joints, by `ENCODER_LAG_NS`."""
+    """An ordinary motion of the commanded joints; the encoders follow `ENCODER_LAG_NS` later."""
 
     start: Joints
     goal: Joints
@@ -49,9 +46,7 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest duration in ns that keeps each axis within its limits of speed and acceleration.
-    `speed` is a share of the speed limits.
-    """
+    """Return the shortest duration in ns within all limits; `speed` is a share of the speed limits."""
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
@@ -61,8 +56,6 @@ def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
 
 
 class Arm:
-    """The commanded and the actual position of the arm."""
-
     def __init__(self, joints: Joints) -> None:
         self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
@@ -97,11 +90,9 @@ class Arm:
         return before[1]
 
     def actual(self, now: int) -> Joints:
-        """Return the joints that the encoders show."""
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int) -> None:
-        """Begin an ordinary motion from the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)
@@ -148,11 +139,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
 
 
 class TimedMove:
-    """An ordinary motion that a client can hold and resume. The next motion may begin at `done_at`, in ns.
-
-    The simulator assumes that Hold stops the motion immediately, and that Unhold continues the motion from
-    rest.
-    """
+    """An ordinary motion that a client can hold and resume. The next motion may begin at `done_at`, in ns."""
 
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
@@ -171,7 +158,7 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Stop the motion; `resume` continues the motion. If the motion has ended, do nothing."""
+        """Stop the motion until `resume`. If the motion has ended, do nothing."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)

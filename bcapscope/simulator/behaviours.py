@@ -28,7 +28,6 @@ class Behaviour(NamedTuple):
 
 
 def read_behaviours() -> tuple[Behaviour, ...]:
-    """Return all simulated behaviours, beginning with the behaviours that depend on the profile."""
     text = resources.files("bcapscope.simulator").joinpath("behaviours.md").read_text(encoding="utf-8")
     _, _, table = text.partition("\n|---|---|---|---|\n")
     rows = (line.strip("| ").split(" | ") for line in table.splitlines())

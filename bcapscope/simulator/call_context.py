@@ -17,8 +17,7 @@ from bcapscope.simulator.object_table import ControllerObject, ObjectTable
 
 @dataclass(slots=True)
 class CallContext:
-    """One call that the simulated controller executes. `client` is the number of the client, `now` the time
-    in ns.
+    """One call that the simulated controller executes. `client` is a number, `now` the time in ns.
 
     Attributes:
         arguments: Arguments of the function, without the handle of `object`.
@@ -35,11 +34,10 @@ class CallContext:
 
     @property
     def items(self) -> Arguments:
-        """The elements of the parameter."""
         return items_of(self.parameter)
 
     def real_array(self, numbers: Iterable[float]) -> Variant:
-        """Return numbers as an array of the type that the profile uses for the numbers of a pose."""
+        """Return an array of the type that the profile uses for the numbers of a pose."""
         return float_array(self.machine.profile.real, numbers)
 
     def current_pose(self, pose_type: PoseType) -> Variant:
@@ -52,9 +50,7 @@ class CallContext:
 
 
 CallHandler: TypeAlias = Callable[[CallContext], HandlerOutcome]
-"""Python function that executes a b-CAP function or a command. The `CallContext` contains the request's
-arguments.
-"""
+"""Executes a b-CAP function or a command."""
 
 CommandTable: TypeAlias = Mapping[str, CallHandler]
 """Handlers of commands, by command name in lower case."""

@@ -1,9 +1,6 @@
 """Execute the calls of one client, one after another: request frames in, reply frames out.
 
-Sources for keep-alive, InvokeTimeout and the code for a busy server: orin_bcap
-C/src/bCAPServer/bcap_server.c, and experiments with this server on loopback. In the C server, a stuck call
-over TCP blocks its connection, and a stuck call over UDP blocks all UDP clients. In the simulator, a stuck
-call blocks only its own client.
+In DENSO's C server, a stuck call over UDP blocks all UDP clients. Here, it blocks only its own client.
 """
 
 from __future__ import annotations
@@ -24,9 +21,7 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
 
 MAX_KEPT_REPLIES = 8
-"""Number of replies that the simulator keeps, so that it can answer retries. No client sends so many retries.
-Every call becomes slower with each further reply in memory.
-"""
+"""Replies kept to answer retries. No client sends so many; each further reply makes every call slower."""
 
 _ROBOT_EXECUTE = 64
 _FUNCTIONS_WITH_RESULT = frozenset(
@@ -46,8 +41,6 @@ class CallReport(NamedTuple):
 
 
 class CallExecutor(HostedClient):
-    """Runs the calls of one client."""
-
     running: RunningCall | None = None
 
     def __init__(
@@ -116,9 +109,7 @@ class CallExecutor(HostedClient):
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the value of a reply, as a tuple of at most one VARIANT. If a function in
-        `_FUNCTIONS_WITH_RESULT` returned no value, the profile chooses between EMPTY and no VARIANT.
-        """
+        """Return the value of a reply. Without a value, the profile chooses EMPTY or no VARIANT."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

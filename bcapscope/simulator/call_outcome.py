@@ -1,9 +1,4 @@
-"""The outcome of a call to the simulated controller, and the codes of refusals. An outcome is a result or a
-running call.
-
-Source for the meanings of the codes: the public list of controller errors in
-nkawa/Denso_CobottaPro900_MQTT_Control. Source for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs.
-"""
+"""The outcome of a call to the simulated controller, and the codes of refusals."""
 
 from __future__ import annotations
 
@@ -20,10 +15,7 @@ from bcapscope.protocol.tables.hresult import S_OK
 
 
 class RefusalCode:
-    """Result codes with which the controller refuses calls and stops motions.
-
-    If a code depends on the axis, the constant is the code for axis 0; add the axis number (1 to 8).
-    """
+    """Result codes of refusals and stops. If a code depends on the axis, add the axis number (1 to 8)."""
 
     OBJECT_NOT_FOUND = 0x80000204
     NOT_WRITABLE = 0x8000020A
@@ -56,11 +48,9 @@ class RefusalCode:
 # Every call creates an outcome. Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, and creating a
 # frozen dataclass 0.9 µs. A named tuple can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """The result of a call. If `value` is None, the profile decides whether the reply has no value or the
-    value EMPTY.
+    """The result of a call. Without a `value`, the profile decides whether the reply has no value or EMPTY.
 
-    `reason` tells the simulator's user why the call was refused. `reason` is empty if the result code says
-    enough.
+    `reason` tells the simulator's user why the call was refused; it is empty if the result code says enough.
     """
 
     hresult: int = S_OK
@@ -70,11 +60,7 @@ class CallResult(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RunningCall:
-    """A call that the simulator has not finished. `poll` and `due` get the current time in ns.
-
-    `poll` returns the result of the call, or None while the call runs. `due` returns the time in ns at which
-    the simulator should poll next.
-    """
+    """A call that runs until `poll` returns a result. `due` returns the time in ns of the next poll."""
 
     poll: Callable[[int], CallResult | None]
     due: Callable[[int], int]
@@ -89,7 +75,7 @@ DONE = CallResult()
 
 
 class RefusedError(BcapError):
-    """The simulated controller refuses a call, and answers with the result code `hresult`."""
+    """The simulated controller answers a call with the failure `hresult`."""
 
     def __init__(self, hresult: int, reason: str = "") -> None:
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))

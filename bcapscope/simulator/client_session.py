@@ -1,10 +1,4 @@
-"""One client of the simulated controller: its session, its handles, and the calls that it may make.
-
-Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. The
-simulator assumes that every call needs Service_Start first, and that a real controller answers
-E_NOT_CONNECTED before Service_Start. Source for the calls that slave mode refuses, and for the calls that end
-slave mode: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
-"""
+"""One client of the simulated controller: its session, its handles, and the calls that it may make."""
 
 from __future__ import annotations
 
@@ -41,7 +35,7 @@ SHORTEST_WDT = 80
 """Shortest time in ms that a client may choose with the options WDT and InvokeTimeout."""
 
 DEFAULT_INVOKE_TIMEOUT = 180_000
-"""Default InvokeTimeout, ms."""
+"""In ms."""
 
 LONGEST_QUOTED = 60
 """Maximum number of characters that the reason of a refusal quotes from a client's text."""
@@ -55,18 +49,11 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
         *("handchuck", "handunchuck", "chuck", "unchuck"),
     )
 )
-"""Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). Assumption: a controller refuses these hand commands to the client
-that is in slave mode. The hand cannot move while slave mode moves the arm (issue 13 of
-DENSORobot/denso_robot_ros).
-"""
+"""Commands that a client may call while another client is in slave mode."""
 
 
 class ClientSession:
-    """The session of the client with this `number`, from the client's first call to its last.
-
-    Times are in ns. `wdt` is the time between two S_EXECUTING notices, or None if the client gets no notices.
-    """
+    """The session of one client. `wdt` is the time in ns between two S_EXECUTING notices, if any."""
 
     def __init__(self, machine: Machine, number: int) -> None:
         self.machine = machine
@@ -138,11 +125,9 @@ class ClientSession:
         self.machine.open_objects[self.number] = self.objects
 
     def _connect(self, arguments: Arguments) -> Variant:
-        """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
-        provider.
+        """Open the controller. RC7 ignores all four arguments; other controllers require their provider.
 
-        While any client has a controller object open, the name of this object is in use. If a client crashes,
-        the names of its controller objects stay in use until the controller removes the client.
+        If a client crashes, the names of its controller objects stay in use until the controller removes it.
         """
         name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers
@@ -164,9 +149,8 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
 def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], is_other: bool) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    If no document mentions a call, the simulator assumes that slave mode accepts only calls that read data.
-    For an unknown command, the function returns True. The handler of the ..._Execute function later refuses
-    the unknown command.
+    Sources: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros. The handler of the ..._Execute function
+    later refuses an unknown command.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:
@@ -189,7 +173,7 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
     )
     for function_id in (17, 28, 64, 87)
 }
-"""Names in lower case of the commands that slave mode refuses; keys are ids of the ..._Execute functions."""
+"""Names in lower case of the commands that slave mode refuses, by id of the ..._Execute function."""
 
 
 def parse_options(text: str) -> dict[str, str]:

@@ -29,8 +29,7 @@ def played_scenario(
     no_argument: NoArgument | None = None,
     faults: Sequence[AnyFault] = (),
 ) -> Scenario:
-    """Return a copy of `scenario` with the given defects, faults and `no_argument`. If `scenario` is None,
-    begin with a scenario that has no events.
+    """Return `scenario`, or a scenario without events, with the given defects, faults and `no_argument`.
 
     Raises:
         ScenarioProfileError: The scenario is made for a profile other than `profile`.
@@ -58,8 +57,8 @@ def start_controller(
 ) -> tuple[Simulator, Simulator | ScenarioRunner]:
     """Start a simulator in the initial state of a scenario, on the monotonic clock.
 
-    Return the simulator, and the model for the `SimulatorServer`. The model is a `ScenarioRunner` only if the
-    scenario has faults, events or variables.
+    Also return the model for the `SimulatorServer`: a `ScenarioRunner` if the scenario has faults, events or
+    variables, else the simulator.
     """
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)

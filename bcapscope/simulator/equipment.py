@@ -1,10 +1,6 @@
 """The controller's equipment besides the arm: hands, areas, serial and socket lines.
 
-Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
-denso_cobotta_gripper/config/gripper_parallel.yaml (stroke, speed, acceleration, force). Source of
-`TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in nkawa/Denso_CobottaPro900_MQTT_Control (force,
-speed in percent, width of an external grip). These values are assumptions: the speed of a grip without speed
-parameter, the second hand's speed in mm/s, and the start position with both hands open.
+Times are in ns, widths in mm, and speeds in mm/s.
 """
 
 from __future__ import annotations
@@ -22,10 +18,9 @@ SECOND = 1_000_000_000
 
 
 class HandLimits(NamedTuple):
-    """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
+    """Widths in mm, top speed in mm/s, acceleration in mm/s², forces in N.
 
-    `speed` is the speed of the fingers at 100 %. `grip_speed` is the speed of the fingers in HandMoveH, which
-    has no parameter for speed. `slowest` is the lowest speed in percent.
+    `grip_speed` is the speed of HandMoveH, which has no parameter for speed. `slowest` is in percent.
     """
 
     narrowest: float
@@ -53,7 +48,7 @@ class HandMotion(NamedTuple):
 
     @classmethod
     def plan(cls, start: float, goal: float, began: int, speed: float, acceleration: float) -> HandMotion:
-        """Plan a motion of the fingers; a short motion does not reach `speed`."""
+        """Plan a motion; a short motion does not reach `speed`."""
         return cls(start, goal, began, min(speed, sqrt(abs(goal - start) * acceleration)), acceleration)
 
     @property
@@ -67,7 +62,6 @@ class HandMotion(NamedTuple):
         return self.start + (way if self.goal > self.start else -way)
 
     def time_at_distance(self, distance: float) -> int:
-        """Return the time at which the fingers have moved by `distance` mm."""
         if not distance:
             return self.began
         ramp = self.speed**2 / 2 / self.acceleration
@@ -93,7 +87,7 @@ class HandMotion(NamedTuple):
 
 
 class Hand:
-    """The two fingers of a hand, and possibly an object between the open fingers. Widths are in mm.
+    """The two fingers of a hand, and possibly an object between the open fingers.
 
     Attributes:
         motion_count: Number of motions and stops so far.
@@ -119,25 +113,18 @@ class Hand:
         return now < self.ends
 
     def is_gripping(self, now: int) -> bool:
-        """Return whether the fingers press on an object."""
         return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
-        """Return the force in N on the gripped object; 0 if the hand grips nothing."""
         return self._force if self.is_gripping(now) else 0.0
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which the fingers collide with an object; None without a collision. If the motion is
-        a grip, the contact with the object is not a collision.
-        """
+        """Time in ns at which the fingers hit an object without gripping it; None without a collision."""
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
-        """Begin a motion to `goal` mm at `speed` mm/s; return the time in ns of its end.
-
-        With a `force` in N, the motion is a grip.
-        """
+        """Begin a motion to `goal` mm, and return the time in ns of its end. With a `force` in N, grip."""
         start, thing = self.width(now), self.object_width
         self._touches_object = thing is not None and goal < thing <= start
         self._final_width = thing if thing is not None and self._touches_object else goal
@@ -170,13 +157,10 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: Pairs of commands that have begun but not ended. SyncTimeStart puts `time` into this set,
-            and SyncTimeEnd removes `time`. SyncMoveStart puts `move` into this set, and SyncMoveEnd removes
-            `move`.
+        brackets: `time` after SyncTimeStart and `move` after SyncMoveStart, until the matching end command.
     """
 
     def __init__(self, object_width: float | None) -> None:
-        """`object_width` is the width in mm of an object between the fingers; None for no object."""
         self.hand = Hand(COBOTTA_HAND, object_width)
         self.gripper = Hand(TWO_FINGER_HAND, object_width)
         self.vacuum = 0.0

@@ -1,17 +1,6 @@
 """Commands for hands, groups of robots, forces, areas, scenes and buttons, and the extensions Hand0 and Comm.
 
-Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridges of COBOTTA and
-DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
-nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
-result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control.
-DENSORobot/denso_robot_ros issue 46 is the source for the error of a hand that hits an object without a grip
-command. Source for the fact that the hand needs the motor: DENSORobot/denso_cobotta_ros
-denso_cobotta_gripper.
-
-Most calls that move a hand last as long as the motion, because a moving hand refuses commands. The clients in
-orin_bcap_python_samples send the next command immediately after the reply. No force acts on the simulated
-robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not
-change motions; the simulator only checks their order.
+No force acts on the simulated robot. There is one arm, so the Sync commands only check their order.
 """
 
 from __future__ import annotations
@@ -61,9 +50,7 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 
 
 def _move_to(context: CallContext, relative: bool = False, grips: bool = False) -> HandlerOutcome:
-    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH. Parameters: width or distance [mm], speed [%] and,
-    for a grip, force [N].
-    """
+    """Parameters: width or distance [mm], speed [%] and, for a grip, force [N]."""
     items, hand = context.items, context.machine.equipment.hand
     goal = items.number(0) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, items.number(1))
@@ -74,7 +61,7 @@ def _move_to(context: CallContext, relative: bool = False, grips: bool = False) 
 
 
 def _grip(context: CallContext) -> HandlerOutcome:
-    """Run HandMoveH. Parameters: force [N], and whether the hand closes."""
+    """Parameters: force [N], and whether the hand closes."""
     items, hand = context.items, context.machine.equipment.hand
     force = _force(hand, items.number(0))
     goal = hand.limits.narrowest if items.number(1) else hand.limits.widest
@@ -82,13 +69,12 @@ def _grip(context: CallContext) -> HandlerOutcome:
 
 
 def _chuck(context: CallContext, closes: bool) -> HandlerOutcome:
-    """Run HandChuck, HandUnChuck, or the commands Chuck and Unchuck of the extension Hand0."""
     hand = context.machine.equipment.hand
     return _start_with_stored_data(context, hand, closes, _STORED_FORCE, waits=True)
 
 
 def _suck(context: CallContext) -> None:
-    """Run HandMoveVH. Parameters: power [%], and whether the hand sucks. HandStop switches the vacuum off."""
+    """Parameters: power [%], and whether the hand sucks. HandStop switches the vacuum off."""
     power, draws = context.items.number(0), context.items.number(1)
     context.machine.check_motor(context.now)
     _check_range(power, _WEAKEST_SUCTION, 100)
@@ -96,16 +82,13 @@ def _suck(context: CallContext) -> None:
 
 
 def _stop(context: CallContext) -> None:
-    """Run HandStop: the call of a running motion returns 835002FF, and the vacuum switches off."""
     equipment = context.machine.equipment
     equipment.hand.stop(context.now, RefusalCode.HAND_STOPPED)
     equipment.vacuum = 0.0
 
 
 def _two_finger_grip(context: CallContext) -> HandlerOutcome:
-    """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. A call that waits for
-    the end of the motion fails if the hand grips nothing.
-    """
+    """Parameters: width [mm], force [N], speed [%], and whether to wait for the end of the motion."""
     items, hand = context.items, context.machine.equipment.gripper
     width, force, speed = items.number(0), _force(hand, items.number(1)), _speed(hand, items.number(2))
     waits = items.integer(3, default=1) != 0
@@ -114,7 +97,7 @@ def _two_finger_grip(context: CallContext) -> HandlerOutcome:
 
 
 def _two_finger_release(context: CallContext) -> HandlerOutcome:
-    """Run TwofgRelease. Parameters: width [mm], and whether to wait for the end of the motion."""
+    """Parameters: width [mm], and whether to wait for the end of the motion."""
     items, hand = context.items, context.machine.equipment.gripper
     width = items.number(0)
     _check_width(hand, width)
@@ -122,7 +105,6 @@ def _two_finger_release(context: CallContext) -> HandlerOutcome:
 
 
 def _hand_grip(context: CallContext, closes: bool) -> HandlerOutcome:
-    """Run HandGrip or HandRelease of the 2FG hand."""
     hand = context.machine.equipment.gripper
     return _start_with_stored_data(context, hand, closes, hand.limits.weakest, waits=False)
 
@@ -139,11 +121,10 @@ def _start_with_stored_data(
 def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
-    """Begin a motion of a hand. Refuse the call if the controller's state forbids a motion, or if the hand is
-    already moving. Refuse a call that moves COBOTTA's hand if the robot's motor is off.
+    """Begin a motion of a hand, unless the hand is moving or the controller's state forbids it.
 
-    If `waits` is True, the call lasts until the motion ends. With `waits`, a grip command of the 2FG hand
-    fails if the hand grips no object.
+    COBOTTA's hand needs the robot's motor. If `waits`, the call lasts until the motion ends, and a grip of
+    the 2FG hand fails if it grips no object.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:
@@ -178,7 +159,6 @@ def _check_width(hand: Hand, width: float, refusal: int = RefusalCode.HAND_SETTI
 
 
 def _speed(hand: Hand, percent: float) -> float:
-    """Convert percent to mm/s."""
     _check_range(percent, hand.limits.slowest, 100)
     return hand.limits.speed * percent / 100
 
@@ -189,9 +169,7 @@ def _force(hand: Hand, force: float) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the options contain NEXT: the call returns before the motion ends. DetectOn has no
-    effect.
-    """
+    """Return whether the call returns before the motion ends. The option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
@@ -199,8 +177,7 @@ def _width(context: CallContext) -> Variant:
     return r8(context.machine.equipment.hand.width(context.now))
 
 
-def _of_gripper(read: Callable[[Hand, int], Variant]) -> CallHandler:
-    """Return a handler that calls `read` with the 2FG hand and the current time in ns."""
+def _of_gripper(read: Callable[[Hand, int], HandlerOutcome]) -> CallHandler:
     return lambda context: read(context.machine.equipment.gripper, context.now)
 
 
@@ -241,24 +218,22 @@ def _switch_bracket(context: CallContext, name: str, opens: bool) -> None:
 
 
 def _force_control(context: CallContext) -> None:
-    """Run ForceCtrl. Parameters: on or off, a number 1..10 and a mode. Force control changes no motion."""
+    """Parameters: on or off, a number 1..10 and a mode. Force control changes no motion."""
     context.machine.check_arm(context.client)
     if context.items.integer(0) != 0:
-        context.items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
+        number_within(context.items.at(1), _FORCE_CONTROLS, E_INVALIDARG)
 
 
 def _force_parameters(context: CallContext) -> None:
-    """Run ForceParam with number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
+    """Parameters: number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
     items = context.items
-    items.integer_within(0, _FORCE_CONTROLS, E_INVALIDARG)
-    items.integer_within(1, range(3), E_INVALIDARG)
+    number_within(items.at(0), _FORCE_CONTROLS, E_INVALIDARG)
+    number_within(items.at(1), range(3), E_INVALIDARG)
     if len(items) > _MAX_FORCE_VALUES or len(numbers_of(items.at(2))) < len(_SIX):
         raise RefusedError(E_INVALIDARG)
 
 
 def _checked(check: Callable[[CallContext], object], value: Variant | None = None) -> CallHandler:
-    """Make a command that only checks its parameter and returns `value`."""
-
     def run(context: CallContext) -> Variant | None:
         check(context)
         return value
@@ -276,13 +251,12 @@ def _check_scene(context: CallContext) -> None:
 
 
 def _switch_area(context: CallContext) -> None:
-    """Run SetAreaEnabled. Parameters: the area's number, and on or off."""
     areas = context.machine.equipment.areas
     (areas.add if context.items.number(1) else areas.discard)(_area(context))
 
 
 def _area(context: CallContext) -> int:
-    return context.items.integer_within(0, range(MAX_AREAS), RefusalCode.BAD_INDEX)
+    return number_within(context.items.at(0), range(MAX_AREAS), RefusalCode.BAD_INDEX)
 
 
 def _line(context: CallContext) -> int:
@@ -294,9 +268,7 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "handrelease": partial(_hand_grip, closes=False),
     "twofggrip": _two_finger_grip,
     "twofgrelease": _two_finger_release,
-    "twofgstop": lambda context: context.machine.equipment.gripper.stop(
-        context.now, RefusalCode.HAND_STOPPED
-    ),
+    "twofgstop": _of_gripper(lambda hand, now: hand.stop(now, RefusalCode.HAND_STOPPED)),
     "twofgisconn": lambda context: i4(1),
     "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
     "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),

@@ -1,23 +1,14 @@
 """The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
 
-Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_python_samples,
-DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error). On
-a real controller, a program fills some fields of an error; in the simulator, these fields are 0.
-
-The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
-to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). In DENSO's skeleton of a
-provider, the functions return E_NOTIMPL (CaoProvRobot.cpp, 2003).
-
-Only one known document shows which functions a robot object of a real controller lacks: VE026A_JNI.java by
-Suzuki (2015). VE026A_JNI.java wraps the RC8 provider, and has no methods Chuck, Unchuck, GoHome and Drive.
-The simulator nevertheless has Drive, because clients need this function. The simulator lacks Rotate, because
-no document describes the planes of Rotate.
+A function without a handler returns E_NOTIMPL. On a real controller, a program fills some fields of an error;
+here, these fields are 0. The RC8 provider has no Drive (VE026A_JNI.java by Suzuki, 2015), but clients need
+it. The simulator lacks Rotate, because no document describes its planes.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from datetime import datetime, timedelta
 from functools import partial
 
@@ -77,7 +68,7 @@ def _chosen_alarm(context: CallContext, alarms: Sequence[Alarm]) -> Alarm:
 
 
 def _system_state(context: CallContext) -> Variant:
-    """Run SysState. `enumerations.SYS_STATE_BITS` explains the bits of the result."""
+    """`enumerations.SYS_STATE_BITS` explains the bits."""
     machine, now = context.machine, context.now
     automatic = machine.mode == AUTOMATIC
     bits = {
@@ -98,7 +89,7 @@ def _system_state(context: CallContext) -> Variant:
 
 
 def _put_auto_mode(context: CallContext) -> None:
-    """Run PutAutoMode of RC7. The parameter of PutAutoMode is 1 for internal mode and 2 for external mode."""
+    """Set the mode of an RC7: 1 for internal mode and 2 for external mode."""
     context.machine.auto_mode = number_within(context.parameter, range(1, 3), E_INVALIDARG)
 
 
@@ -136,14 +127,6 @@ _EXTENSIONS: Mapping[str, CommandTable] = {
 _STATE_DONE = 2
 
 
-_KNOWN_NAMES: Mapping[ObjectClass, Callable[[CallContext], Container[str]]] = {
-    ObjectClass.TASK: lambda context: context.machine.tasks,
-    ObjectClass.EXTENSION: lambda context: tuple(map(str.casefold, _EXTENSIONS)),
-    ObjectClass.COMMAND: lambda context: CONTROLLER_COMMANDS,
-}
-"""Existing names, in lower case."""
-
-
 def open_object(context: CallContext, kind: ObjectClass) -> Variant:
     """Open an object by name; with @IfNotMember, return the handle of an object that is already open."""
     name, option = context.arguments.text(0), context.arguments.text(1, default="")
@@ -152,11 +135,16 @@ def open_object(context: CallContext, kind: ObjectClass) -> Variant:
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
-    """Refuse the name of an object that the controller does not have. A robot may have any name."""
+    """Refuse an object that the controller does not have. A robot may have any name."""
     machine, folded = context.machine, name.casefold()
+    known: Mapping[ObjectClass, Container[str]] = {
+        ObjectClass.TASK: machine.tasks,
+        ObjectClass.EXTENSION: _EXTENSION_HANDLERS,
+        ObjectClass.COMMAND: CONTROLLER_COMMANDS,
+    }
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
-    elif kind in _KNOWN_NAMES and folded not in _KNOWN_NAMES[kind](context):
+    elif kind in known and folded not in known[kind]:
         raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     elif kind is ObjectClass.FILE and folded not in machine.files:
         _create_file(context, name, option)
@@ -171,9 +159,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext) -> Variant:
-    """Run Controller_GetMessage. Return the handle of a message that holds the newest active error; refuse
-    the call if no error is active.
-    """
+    """Return the handle of a message with the newest active error; refuse the call if there is none."""
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
@@ -191,10 +177,6 @@ def _get_message(context: CallContext) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> CallHandler:
-    """Return a handler for an ..._Execute function. The handler refuses unknown commands, and commands that
-    the profile lacks.
-    """
-
     def execute(context: CallContext) -> HandlerOutcome:
         arguments = context.arguments
         name = arguments.text(0).casefold()
@@ -211,7 +193,7 @@ _EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, comma
 
 
 def _command_execute(context: CallContext) -> None:
-    """Run the command that a Command object holds; a command that takes time stores no result."""
+    """Run the command of a Command object; a command that takes time stores no result."""
     values = context.object.values
     context.parameter = values.get("parameters", EMPTY)
     outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context)
@@ -228,7 +210,7 @@ def _robot_speed(context: CallContext) -> None:
 
 
 def _robot_accelerate(context: CallContext) -> None:
-    """Run Robot_Accelerate: parameters two and three are in percent, and -1 keeps the current value."""
+    """Parameters two and three are in percent; -1 keeps the current value."""
     given = {"acceleration": context.arguments.number(1), "deceleration": context.arguments.number(2)}
     changed = {name: value for name, value in given.items() if value != -1}
     context.machine.speeds.set_percent(E_INVALIDARG, **changed)
@@ -242,12 +224,12 @@ def _robot_change(context: CallContext) -> None:
 
 
 def _task_start(context: CallContext) -> None:
-    context.arguments.integer_within(0, range(1, 4), E_INVALIDARG)
+    number_within(context.arguments.at(0), range(1, 4), E_INVALIDARG)
     context.machine.start_task(context.object.name)
 
 
 def _task_stop(context: CallContext) -> None:
-    context.arguments.integer_within(0, range(5), E_INVALIDARG)
+    number_within(context.arguments.at(0), range(5), E_INVALIDARG)
     context.machine.stop_task(context.object.name, context.now)
 
 
@@ -264,7 +246,8 @@ def _variable_names(context: CallContext) -> Variant:
     return bstr_array(system_variables.variable_names(context.object.kind, generation))
 
 
-_SHARED_HANDLERS: Mapping[str, CallHandler] = {
+_HANDLERS: Mapping[str, CallHandler] = {
+    # functions that several classes of objects have, without the name of the class
     "GetAttribute": lambda context: i4(0),
     "GetHelp": lambda context: bstr(""),
     "GetName": lambda context: bstr(context.object.name),
@@ -275,12 +258,6 @@ _SHARED_HANDLERS: Mapping[str, CallHandler] = {
     "Release": lambda context: context.objects.release(context.object),
     "Disconnect": lambda context: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
-}
-"""Handlers of the functions that several classes of objects have. The key is the function's name without the
-class, such as `GetTag`.
-"""
-
-_OWN_HANDLERS: Mapping[str, CallHandler] = {
     "Controller_GetMessage": _get_message,
     "Controller_Execute": command_runner(CONTROLLER_COMMANDS),
     "Controller_GetExtensionNames": lambda context: bstr_array(_EXTENSIONS),
@@ -322,21 +299,19 @@ _OWN_HANDLERS: Mapping[str, CallHandler] = {
     "Command_GetParameters": _stored_value("parameters"),
     "Command_PutParameters": _put_value("parameters"),
     "Command_GetResult": _stored_value("result"),
-    "Message_Clear": lambda context: None,
+    "Message_Clear": accept_without_effect,
 }
 
 
 def _handler(function: Function) -> CallHandler | None:
-    verb = function.name.partition("_")[2]
-    kind = function.creates
     if function.name.startswith("Message_Get"):
         return _stored_value(function.name)
-    if kind is not None and function.name not in _OWN_HANDLERS:
-        return partial(open_object, kind=kind)
-    return _OWN_HANDLERS.get(function.name) or _SHARED_HANDLERS.get(verb)
+    if function.creates is not None and function.name not in _HANDLERS:
+        return partial(open_object, kind=function.creates)
+    return _HANDLERS.get(function.name) or _HANDLERS.get(function.name.partition("_")[2])
 
 
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, CallHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Object class and handler of each function id. The simulator refuses functions without a handler."""
+"""Object class and handler of each function id; a function without a handler is refused."""

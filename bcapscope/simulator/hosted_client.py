@@ -17,11 +17,7 @@ _NEW = RequestKind.NEW
 
 
 class HostedClient(ABC):
-    """Starts the calls of one client, one after another. A subclass decides when a call ends.
-
-    Attributes:
-        last_heard: Time of the client's latest request in ns. The `ClientHost` sets `last_heard`.
-    """
+    """Starts the calls of one client, one after another. A subclass decides when a call ends."""
 
     def __init__(
         self,
@@ -44,9 +40,7 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """Whether the host must call `poll`. A subclass may return the running call instead of True, and None
-        instead of False.
-        """
+        """True, or the running call, while the host must call `poll`."""
 
     @property
     def _is_unanswered(self) -> bool:
@@ -83,7 +77,6 @@ class HostedClient(ABC):
         return []
 
     def close(self) -> None:
-        """End the session of a client that is gone. The client gets no more replies to its requests."""
         self._waiting.clear()
         self._responder.reset()
 

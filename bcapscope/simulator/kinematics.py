@@ -1,10 +1,9 @@
 """Kinematics of a simple arm: joints to position, and position to joints.
 
-No public source gives the link lengths of the real arms. The simulated arm has lengths of its own, so it is
-not a model of a DENSO robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a
-vertical plane. The wrist has no length: the angles J4, J5 and J6 equal Rx, Ry and Rz. The conversion is exact
-in both directions. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
-degrees.
+No public source gives the link lengths of the real arms, so the simulated arm is not a model of a DENSO
+robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a vertical plane. The wrist
+has no length: the angles J4, J5 and J6 equal Rx, Ry and Rz. The conversion is exact in both directions. The
+rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in degrees.
 """
 
 from __future__ import annotations
@@ -57,7 +56,6 @@ _NOT_THERE = (0.0, 0.0)
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Keep the first six joints, and append zeros for the two joints that the arm lacks."""
     return values[:AXIS_COUNT] + _NOT_THERE
 
 
@@ -106,7 +104,6 @@ def trans(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach a T-type pose; raise RefusedError as `joints_of_position` does."""
     ox, oy, oz, ax, ay, az = values[3:9]
     normal = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
     turn = _transposed((normal, (ox, oy, oz), (ax, ay, az)))
@@ -129,7 +126,6 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
 
 
 FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
-"""Fewest numbers of a pose."""
 
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
@@ -146,20 +142,20 @@ PoseNumbers: TypeAlias = tuple[float, ...]
 
 
 def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move a pose along the axes of the base, turn the pose about these axes, and return its six numbers."""
+    """Move a pose along the axes of the base, and turn it about these axes."""
     place = tuple(a + b for a, b in zip(pose[:3], deviation[:3], strict=True))
     return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
 
 
 def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move a pose along its own axes, turn the pose about these axes, and return its six numbers."""
+    """Move a pose along its own axes, and turn it about these axes."""
     turn = rotation(pose)
     place = tuple(a + b for a, b in zip(pose[:3], _apply(turn, deviation[:3]), strict=True))
     return place + _combined_angles(pose, deviation, turn, rotation(deviation))
 
 
 def relative_to(frame: PoseNumbers, pose: PoseNumbers) -> PoseNumbers:
-    """Convert a pose in base coordinates to coordinates of `frame`; return six numbers."""
+    """Convert a pose in base coordinates to coordinates of `frame`."""
     back = _transposed(rotation(frame))
     place = _apply(back, tuple(a - b for a, b in zip(pose[:3], frame[:3], strict=True)))
     return place + _combined_angles(pose, frame, back, rotation(pose))
@@ -185,8 +181,7 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles Rx, Ry, Rz of the rotation `first`·`second`.
 
-    If `other` contains no rotation, return the angles of `pose` unchanged. Set points would jump if the
-    computed angles differed by a full turn.
+    Without rotation in `other`, the angles of `pose` stay unchanged: set points would jump by a full turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 from collections import deque
 from collections.abc import Hashable, Iterator
-from typing import TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
@@ -16,9 +15,7 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of TCP connections that wait until the simulator accepts them. If more connections wait, a
-new client retries after a second.
-"""
+"""Maximum number of connections that wait to be accepted; beyond it, a new client retries after a second."""
 
 
 class SimulatorListenError(BcapError):
@@ -70,15 +67,12 @@ MAX_BYTES = 2 << 20
 
 _COST = 512
 
-Sender: TypeAlias = Hashable
-"""Address of a client."""
-
 
 class DatagramQueue:
     """Waiting datagrams by sender, oldest first; `dropped` is the number of datagrams that did not fit."""
 
     def __init__(self) -> None:
-        self.waiting: dict[Sender, deque[tuple[int, bytes]]] = {}
+        self.waiting: dict[Hashable, deque[tuple[int, bytes]]] = {}
         self.dropped = 0
         self._bytes = 0
 
@@ -86,8 +80,7 @@ class DatagramQueue:
     def oldest_arrival(self) -> int:
         return min(queue[0][0] for queue in self.waiting.values())
 
-    def add(self, sender: Sender, received_at: int, data: bytes) -> None:
-        """Queue a datagram with its arrival time; drop the datagram if too many are waiting."""
+    def add(self, sender: Hashable, received_at: int, data: bytes) -> None:
         queue = self.waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MAX_PER_SENDER):
@@ -98,8 +91,7 @@ class DatagramQueue:
         queue.append((received_at, data))
         self._bytes += size
 
-    def pop_one_per_sender(self) -> Iterator[tuple[Sender, int, bytes]]:
-        """Remove the oldest datagram of each sender and yield its sender, arrival time and bytes."""
+    def pop_one_per_sender(self) -> Iterator[tuple[Hashable, int, bytes]]:
         for sender in list(self.waiting):
             queue = self.waiting[sender]
             came, data = queue.popleft()

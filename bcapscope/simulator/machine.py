@@ -1,8 +1,6 @@
 """The controller that all clients share: modes, motor, arm, tasks, errors, and how time changes them.
 
-Two sources show when a controller refuses a call, and with which code: the public list of controller errors
-in nkawa/Denso_CobottaPro900_MQTT_Control, and the issues of DENSORobot/denso_robot_ros. The order of the
-checks and all durations are assumptions. All times are in ns of the caller's clock.
+All times are in ns of the caller's clock.
 """
 
 from __future__ import annotations
@@ -35,9 +33,7 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Value of `Machine.owner` while the pendant or a client outside this network has the arm. Client numbers
-start at 1.
-"""
+"""Value of `Machine.owner` while the pendant or a client outside this network has the arm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +42,6 @@ class InitialState:
 
     Attributes:
         joints: Eight joints in degrees.
-        mode: Position of the mode switch: 1 manual, 2 teach check, 3 automatic.
         token: Whether Ethernet has the executable token.
         motor_time: Time in ns that the motor takes to switch on.
         speed: External speed in percent, as set on the pendant.
@@ -55,8 +50,7 @@ class InitialState:
         empty: Names of the robot variables whose value is EMPTY, in capitals.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width in mm of an object between the fingers of the hands; None for no object.
-        udp_clients: Number of half-open UDP clients, which count towards the limit of clients; `tcp_clients`
-            is the same for TCP.
+        udp_clients: Number of half-open UDP clients; `tcp_clients` is the same for TCP.
         epoch: Time in ns since 1970 at which the model's clock is 0.
     """
 
@@ -99,32 +93,25 @@ class Speeds:
             setattr(self, name, value)
 
     def effective_share(self, speed: float | None) -> float:
-        """Return the speed of a motion as a share of the highest speed, from 0.001 to 1.
-
-        `speed` is the internal speed in percent; None means the internal speed that was set for the robot.
-        """
+        """Return the share of the highest speed, from 0.001 to 1, for an internal `speed` in percent."""
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One error: its HRESULT as an unsigned number, and its time in ns of the model's clock."""
+    """One error: its HRESULT as an unsigned number, and its time in ns."""
 
     code: int
     time: int
 
     @property
     def text(self) -> str:
-        """Description of the error, in bcapscope's words."""
         return describe_hresult(self.code).text
 
 
 class ControlLog:
-    """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns.
-
-    A record holds the time in ns since the controller's start, the commanded joints and the measured joints.
-    """
+    """Records the time in ns since the start, the commanded and the measured joints, every 8 ms."""
 
     def __init__(self, arm: Arm, started_at: int) -> None:
         self.records: deque[tuple[int, Joints, Joints]] = deque(maxlen=MAX_RECORDS)
@@ -209,9 +196,7 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor on or off, and return the time in ns at which the motor has switched. To switch
-        the motor on, `check_state` must pass.
-        """
+        """Return the time in ns at which the motor has switched. Switching it on needs `check_state`."""
         if not on:
             self._lose_power()
             self.stop(now, RefusalCode.MOTOR_IS_OFF, is_reported=False)
@@ -222,9 +207,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop, during an error, or outside automatic mode. Refuse a call
-        if the executable token does not belong to Ethernet.
-        """
+        """Refuse a call during an emergency stop, an error, outside automatic mode, or without the token."""
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
@@ -235,42 +218,31 @@ class Machine:
             raise RefusedError(RefusalCode.NO_TOKEN)
 
     def check_motor(self, now: int) -> None:
-        """Refuse a call unless `check_state` passes and the motor is on."""
         self.check_state()
         if not self.motor_is_on(now):
             raise RefusedError(RefusalCode.MOTOR_IS_OFF)
 
     def check_motion(self, client: int, now: int) -> None:
-        """Refuse a motion unless `check_motor` passes and the client has the arm."""
         self.check_motor(now)
         self.check_arm(client)
 
     def check_arm(self, client: int) -> None:
-        """Refuse the call if motion needs TakeArm and this client does not have the arm."""
         if self.profile.needs_arm and self.owner != client:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """Run `check_motion`. On RC7, refuse slave mode if RobSlave does not run (DENSO Wave 2009)."""
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse a call if an axis is outside its limits. The result code contains the number of the first
-        axis outside its limits.
-        """
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode now; the calls that wait for a motion or for slave mode return
+        """End motions and slave mode. Waiting calls and, unless `is_reported`, the next slvMove return
         `code`.
-
-        `is_reported` is true if slvMove need not report `code`. If slave mode was on and `is_reported` is
-        false, the next slvMove also returns `code` (issues 20 and 49 of DENSORobot/denso_robot_ros). Later
-        calls of slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -280,12 +252,10 @@ class Machine:
         self.current_move = None
 
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
-        """Raise an error. The error is active until ClearError. End all motions and slave mode, and stop
-        RobSlave.
+        """End all motions, slave mode and RobSlave. The error is active until ClearError.
 
-        An error of level 4 or above, or a set point beyond a limit, switches the motor off (list of
-        controller errors in nkawa/Denso_CobottaPro900_MQTT_Control). The emergency stop also switches the
-        motor off. `is_reported` has the same meaning as in `stop`.
+        An error of level 4 or above, a set point beyond a limit, and the emergency stop switch the motor off.
+        `is_reported` is as in `stop`.
         """
         self._add_alarm(code, now)
         self.stop(now, code, is_reported)
@@ -296,45 +266,35 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call, and keep the error `code` active until ClearError, as `raise_error` does.
+        """Refuse a call, and raise the error `code` unless it is already active.
 
-        The error list holds the error once, however often the client repeats the call. The error list has
-        room for 32 errors. If the error list held every refusal, 32 refused set points would displace the
-        error that ended slave mode.
-
-        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
-        simulator assumes that an RC7 also lists its refusals as current errors. On RC7, a result other than
-        S_OK stops RobSlave and slave mode (DENSO Wave 2009).
+        Otherwise, 32 refused set points would displace the error that ended slave mode from the list.
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)
         raise RefusedError(code)
 
     def clear_errors(self) -> None:
-        """Clear the active errors; slvMove no longer returns a cleared error."""
         self.active_alarms.clear()
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch. Unless the mode is automatic, stop all motion and switch the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
             self.stop(now, RefusalCode.NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
-        """Start a program, unless `check_state` refuses."""
         self.check_state()
         self.tasks[name.casefold()] = RUNNING
 
     def stop_task(self, name: str, now: int) -> None:
-        """Stop a program; on RC7, stopping RobSlave ends slave mode."""
+        """On RC7, stopping RobSlave ends slave mode."""
         self.tasks[name.casefold()] = READY
         if name.casefold() == ROBSLAVE.casefold() and self.profile.needs_robslave and self.slave.mode:
             self.stop(now, E_NOT_IN_SLAVE_MODE)
 
     def press_emergency_stop(self, now: int) -> None:
-        """Press the emergency stop: the motor goes off, and nothing moves until the stop is released."""
         self.emergency = True
         self.raise_error(RefusalCode.EMERGENCY_STOP, now)
 
@@ -352,7 +312,6 @@ class Machine:
             self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time in ns of the next slave-mode period or hand collision; None if there is none."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

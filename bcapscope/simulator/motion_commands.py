@@ -1,9 +1,7 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
-Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
-the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
-before the running motion ends. If the next motion begins too early, its call returns 80010004 (b-Cap.h of the
-ANSI-C client). The ANSI-C client repeats Robot_Move after the result 80010004.
+Unless the option is NEXT, a call lasts until the commanded joints reach the target, or with @E the encoders.
+With @P, the next motion may begin earlier.
 """
 
 from __future__ import annotations
@@ -44,9 +42,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Move. A line or circle becomes a PTP motion to the end point. Free-curve interpolation (4)
-    does not move the robot.
-    """
+    """A line or circle becomes a PTP motion to the end point. A free curve does not move the robot."""
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))
@@ -75,7 +71,6 @@ def _poses(pose: Variant) -> tuple[Variant, ...]:
 
 
 def drive(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Drive. The option contains the pass motion, such as @P or @E."""
     arguments = context.arguments
     axis_move = arguments.integer(0), arguments.number(1)
     option = arguments.text(2, default="")
@@ -100,7 +95,6 @@ def halt(context: CallContext) -> None:
 
 
 def hold(context: CallContext) -> None:
-    """Pause the running motion, if any; the motion's call keeps waiting."""
     if context.machine.current_move:
         context.machine.current_move.hold(context.now)
 
@@ -114,7 +108,6 @@ def unhold(context: CallContext) -> None:
 
 
 def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> HandlerOutcome:
-    """Begin a motion; refuse it if the robot is busy or not ready, or cannot reach the target."""
     machine, now = context.machine, context.now
     machine.check_motion(context.client, now)
     if now < machine.free_at:
@@ -133,10 +126,8 @@ def _parse_options(option: str, read: ReadVariable) -> tuple[float | None, int, 
     """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`.
 
     Return the internal speed in percent (None if not given), the minimum duration in ns, and whether the call
-    returns before the motion ends.
-
-    The unit of TIME, ms, is assumed. The names of the options come from VE026A_JNI.java by Suzuki and from
-    the samples. ACCEL and DECEL are checked but do not change the motion.
+    returns before the motion ends. The unit of TIME, ms, is assumed. Source of the names: VE026A_JNI.java by
+    Suzuki and the samples. ACCEL and DECEL are checked but do not change the motion.
     """
     text = option[:LONGEST_POSE_TEXT].upper()
     given = {name: _option_number(value, read) for name, value in _OPTION.findall(text)}
@@ -168,16 +159,14 @@ def _parse_passing(option: str) -> int:
 
 
 def _before_position(joints: Joints, distance: float) -> Joints:
-    """Return the joints after a motion of `-distance` mm from `joints` along the approach vector."""
+    """Move back from `joints` by `distance` mm along the approach vector."""
     here = position(joints)
     vector = trans(joints)[6:9]
     return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Read text such as `@P 10`, a number, or `[10, "", "@P"]`; return the distance in mm and the pass
-    motion.
-    """
+    """Read text such as `@P 10`, a number, or `[10, "", "@P"]` as a distance in mm and a pass motion."""
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)
@@ -187,7 +176,7 @@ def _distance(part: Variant) -> tuple[float, int]:
 
 
 def _approach(context: CallContext) -> HandlerOutcome:
-    """Run Approach with the parameters interpolation, pose, distance and option."""
+    """Parameters: interpolation, pose, distance and option."""
     items = context.items
     target = parse_target(items.at(1), context.machine.memory.read)
     distance, passing = _distance(items.at(2))
@@ -196,7 +185,7 @@ def _approach(context: CallContext) -> HandlerOutcome:
 
 
 def _depart(context: CallContext) -> HandlerOutcome:
-    """Run Depart with the parameters interpolation, distance and option."""
+    """Parameters: interpolation, distance and option."""
     items = context.items
     distance, passing = _distance(items.at(1))
     goal = _before_position(context.machine.arm.goal, distance)
@@ -204,7 +193,7 @@ def _depart(context: CallContext) -> HandlerOutcome:
 
 
 def _drive_many(context: CallContext, absolute: bool) -> HandlerOutcome:
-    """Run DriveEx or DriveAEx. Parameters: axes with their angles, as text or as pairs, then an option."""
+    """Parameters: axes with their angles, as text or as pairs, then an option."""
     items = context.items
     ways, passing = _axis_moves(items.at(0))
     option = items.text(1, default="")
@@ -213,7 +202,7 @@ def _drive_many(context: CallContext, absolute: bool) -> HandlerOutcome:
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
-    """Read text such as `@E (1, 5), (2, -10)`; return the axes with their angles, and the pass motion."""
+    """Read text such as `@E (1, 5), (2, -10)`."""
     match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
     pairs = _PAIR.findall(match["pairs"]) if match else []
     if match is None or len(pairs) != match["pairs"].count("("):
@@ -223,7 +212,7 @@ def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]
 
 
 def _axis_moves(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
-    """Read axes and angles, as text or as pairs; DENSO's ROS driver sends a pair as `[pair, type, pass]`."""
+    """Read axes with angles, and the pass motion; DENSO's ROS driver sends a pair as `[pair, type, pass]`."""
     if isinstance(axes.value, str):
         return _axis_moves_of_text(axes.value)
     ways, passing = [], None
@@ -237,7 +226,7 @@ def _axis_moves(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
 
 
 def _motion_skip(context: CallContext) -> None:
-    """Run MotionSkip, which ends the running motion where the arm is; the call of that motion succeeds."""
+    """End the running motion where the arm is; the call of that motion succeeds."""
     machine, now = context.machine, context.now
     if machine.current_move and now < machine.free_at:
         machine.current_move.skip(now)

@@ -1,9 +1,4 @@
-"""The objects that a client has opened, by handle.
-
-A client has at most 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c). A handle is never used again, so
-that a new handle never equals a released handle. The simulator assumes that the release of an object also
-releases the objects opened from it.
-"""
+"""The objects that a client has opened, by handle."""
 
 from __future__ import annotations
 
@@ -27,10 +22,8 @@ _HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # VARIANT types that the C server accept
 class ControllerObject:
     """One object of a client, opened from its `parent`; a controller has no parent.
 
-    Attributes:
-        values: Values that the object holds, such as a command's parameters. "tag" and "id" are the values
-            that the client stored with PutTag and PutID. If a variable's name ends in `*`, the id is the
-            number of the variable.
+    `values` holds a command's parameters, for example. "tag" and "id" are the values that the client stored
+    with PutTag and PutID. If a variable's name ends in `*`, the id is the number of the variable.
     """
 
     handle: int
@@ -41,12 +34,11 @@ class ControllerObject:
 
 
 class ObjectTable(dict[int, ControllerObject]):
-    """The open objects of one client, by handle."""
+    """The open objects of one client, by handle. A handle is never used again."""
 
     _next = 1
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object. Refuse the call if the client already has 1000 objects or the name is too long."""
         if len(self) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:
@@ -59,12 +51,10 @@ class ObjectTable(dict[int, ControllerObject]):
     def open_named(
         self, kind: ObjectClass, name: str, parent: ControllerObject | None, option: str
     ) -> ControllerObject:
-        """Open an object; with @IfNotMember, return the object with this name if it is already open."""
         found = self.find_by_name(kind, name, parent) if "@ifnotmember" in option.casefold() else None
         return self.open(kind, name, parent) if found is None else found
 
     def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
-        """Return the object of a handle; refuse a handle that is unknown or belongs to another class."""
         value = handle.value
         found = self.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
         if found is None or found.kind is not kind:
@@ -74,7 +64,6 @@ class ObjectTable(dict[int, ControllerObject]):
     def find_by_name(
         self, kind: ObjectClass, name: str, parent: ControllerObject | None
     ) -> ControllerObject | None:
-        """Return the open object with this name, ignoring case; None if there is none."""
         folded = name.casefold()
         for each in self.values():
             if each.kind is kind and each.parent is parent and each.name.casefold() == folded:
@@ -82,7 +71,6 @@ class ObjectTable(dict[int, ControllerObject]):
         return None
 
     def release(self, target: ControllerObject) -> None:
-        """Release an object and the objects opened from it."""
         handles = [handle for handle, each in self.items() if _belongs_to(each, target)]
         for handle in handles:
             del self[handle]

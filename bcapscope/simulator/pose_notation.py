@@ -2,9 +2,8 @@
 
 Examples of text are `@E J(0, 0, 90, 0)` and `@P P1`. An array of VARIANTs contains the coordinates, the pose
 type, the pass motion and the extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2).
-Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. ShoheiKobata's
-samples send the variable's number as VT_I4, although their README says VT_R4. In some of these samples, the
-pass motion, such as "@0", comes before the pose type.
+Instead of coordinates, clients may send the number of a variable, as in `[1, "P", "@0"]`. In some of
+ShoheiKobata's samples, the pass motion, such as "@0", comes before the pose type.
 """
 
 from __future__ import annotations
@@ -54,7 +53,6 @@ class WrittenPose(NamedTuple):
 
 
 def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
-    """Read the target of a motion with `parse_pose`; refuse a target that the arm cannot reach."""
     written = parse_pose(pose, read)
     return MotionTarget(joints_of(written.type, written.values), written.passing)
 
@@ -82,7 +80,6 @@ def parse_pass(part: Variant) -> int:
 
 
 def parse_pass_text(text: str | None) -> int:
-    """Read the text after the `@` of a pass motion: `P`, `E` or a number; return 0 for None."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
@@ -116,7 +113,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read the pose type and the pass motion. If `parts[0]` contains `@`, `parts[0]` is the pass motion."""
+    """Read the pose type and the pass motion, which may come in either order."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None

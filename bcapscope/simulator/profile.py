@@ -1,10 +1,4 @@
-"""Profiles: how the answers of the simulated controller depend on the controller's generation.
-
-Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
-ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). The
-simulator assumes that a real RC8 or RC9 uses the library of the C server, and therefore reports failures as
-the C server does.
-"""
+"""Profiles: how the answers of the simulated controller depend on the controller's generation."""
 
 from __future__ import annotations
 
@@ -40,12 +34,9 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies without a value contain no VARIANT, instead of a VARIANT of the type VT_EMPTY.
-    `NoArgument` applies only to calls that can return a value.
+    """Replies without a value that contain no VARIANT, instead of VT_EMPTY, if the call can return a value.
 
-    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode). In
-    DENSO's C# and Java clients, a call that can return a value throws an exception if the successful reply
-    contains no VARIANT.
+    DENSO's C# and Java clients throw an exception if such a reply contains no VARIANT.
     """
 
     NEVER = "never"
@@ -58,14 +49,10 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: Name of the profile as an argument of `--profile`; `title` is the name that messages show.
-        generation: Generation of the controller, which decides the meaning of slave-mode numbers.
-        replies: Content of the reserved field of replies.
+        name: Argument of `--profile`; `title` is the name that messages show.
         mode_type: VARIANT type of slvGetMode's result.
         real: VARIANT type of the numbers in a pose.
         providers: Provider names that Controller_Connect accepts; () if the controller ignores the name.
-        needs_robslave: Whether slave mode needs the task RobSlave.
-        needs_arm: Whether motion needs TakeArm.
         running_result: Result code of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
     """
@@ -134,7 +121,5 @@ _CSERVER = replace(
 )
 
 PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
-"""Every profile by its name."""
 
 DEFAULT_PROFILE = "rc8"
-"""Name of the profile that the simulator has if the user chose none."""

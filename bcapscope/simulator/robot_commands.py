@@ -1,11 +1,4 @@
-"""Commands of the extension Pallet, and commands of Robot_Execute except motions, slave mode and equipment.
-
-Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control (with DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and
-SetToolDef). If no document shows the results of a command, this module and `commands.tsv` infer the results
-from the command's meaning. The simulator stores and returns definitions of tool and work coordinates. Tool
-and work definitions do not change the position that the simulated arm reports.
-"""
+"""Commands of the extension Pallet, and of Robot_Execute except motions, slave mode and equipment."""
 
 from __future__ import annotations
 
@@ -66,9 +59,7 @@ def _joints(context: CallContext, pose_type: PoseType) -> Joints:
 
 
 def _out_range(context: CallContext) -> Variant:
-    """Run OutRange. The result has one bit for each axis beyond its limits, and is -1 if the position is out
-    of reach.
-    """
+    """Return one bit for each axis beyond its limits, and -1 for a position out of reach."""
     items = context.items
     pose = items[0] if items and not isinstance(items[0].value, int | float) else context.parameter
     try:
@@ -83,7 +74,7 @@ def _out_range(context: CallContext) -> Variant:
 
 
 def _check_virtual_fence(context: CallContext) -> Variant:
-    """Run CheckVirtualFence, which returns 0, because the simulated robot has no fences."""
+    """Return 0, because the simulated robot has no fences."""
     parse_pose(context.parameter, context.machine.memory.read)
     return i4(0)
 
@@ -97,7 +88,6 @@ def _move(context: CallContext, move: Callable[[PoseNumbers, PoseNumbers], PoseN
 
 
 def _convert_work(context: CallContext) -> Variant:
-    """Run ConvertPosWork, which converts a pose from one work coordinate system to another."""
     items, read = context.items, context.machine.memory.read
     pose = _parse_position(context, items.at(0))
     source, target = (numbers_of(read("WORK", items.integer(index))) for index in (1, 2))
@@ -124,13 +114,7 @@ def _fig(pose: PoseNumbers) -> float:
 
 
 def _pallet_position(context: CallContext) -> Variant:
-    """Run CalcPos of the extension Pallet.
-
-    The parameter holds rows, columns, layer height in mm, the four corners, the number of the pallet position
-    and optionally the layer. Positions and layers are counted from 1. Pallet positions are counted from the
-    first corner to the second corner, then row by row towards the third corner. This order is assumed,
-    because the samples do not show it.
-    """
+    """Parameters: rows, columns, layer height [mm], four corners, position and layer, both counted from 1."""
     items = context.items
     rows, columns = (_count(items.at(index)) for index in (0, 1))
     height = items.number(2)
@@ -166,9 +150,7 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext) -> None:
-    """Run TakeArm, unless another client has the arm. If the second number in the parameter is 1, TakeArm
-    does not reset the speed, the tool and the work coordinates.
-    """
+    """Take the arm. If the second number is 1, keep the speed, the tool and the work coordinates."""
     machine = context.machine
     keeps = context.items.integer(1, default=0) == 1
     if machine.owner not in (None, context.client):
@@ -180,13 +162,12 @@ def _take_arm(context: CallContext) -> None:
 
 
 def _give_arm(context: CallContext) -> None:
-    """Run GiveArm, which has no effect if another client has the arm."""
     if context.machine.owner == context.client:
         context.machine.owner = None
 
 
 def motor(context: CallContext) -> RunningCall | None:
-    """Run Motor. If the parameter's second number is 0 or missing, the call lasts until the motor is on."""
+    """Switch the motor. If the second number is 0 or missing, the call lasts until the motor is on."""
     items = context.items
     done = context.machine.switch_motor(items.integer(0) != 0, context.now)
     waits = items.integer(1, default=0) == 0
@@ -196,9 +177,7 @@ def motor(context: CallContext) -> RunningCall | None:
 
 
 def _ext_speed(context: CallContext) -> None:
-    """Run ExtSpeed. Parameters: speed, acceleration and deceleration in percent. -1 keeps the current value.
-    An acceleration or deceleration of -2 stands for speed² / 100.
-    """
+    """Parameters in percent: -1 keeps the current value, and an acceleration of -2 means speed² / 100."""
     numbers = numbers_of(context.parameter)
     if not numbers:
         raise RefusedError(E_INVALIDARG)
@@ -215,33 +194,26 @@ def _ext_speed(context: CallContext) -> None:
 
 
 def _timed_pose(context: CallContext, pose_type: PoseType) -> Variant:
-    """Run CurPosEx or HighCurJntEx. The result begins with the controller's time in ms; the pose follows."""
+    """Return the controller's time in ms, followed by the pose."""
     time = (context.now - context.machine.started_at) / MS
     return context.real_array((time, *pose_of(pose_type, context.joints)))
 
 
 def _motion_complete(context: CallContext) -> Variant:
-    """Run MotionComplete, which returns whether the motion command has ended. If the second number in the
-    parameter is 1, return whether the encoders are at rest.
-    """
+    """Return whether the motion command has ended or, if the second number is 1, the encoders are at rest."""
     if context.items.integer(1, default=0) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
     return boolean(context.now >= context.machine.free_at)
 
 
 def _servo_data(context: CallContext) -> Variant:
-    """Run GetSrvData, which returns the lag of the encoders in degrees, whatever number the client sends."""
+    """Return the lag of the encoders in degrees, whatever number the client sends."""
     integer_of(context.parameter)
     return float_array(VT.R8, currents(context))
 
 
 def _log_record(context: CallContext) -> Variant:
-    """Run GetLogRecord. The parameter 0 selects the oldest record.
-
-    Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
-    others/Get_Syslog.py. The simulator assumes that the counter in a log record is in ms. The simulator also
-    assumes that the lag of the encoders determines motor current and load.
-    """
+    """Return a record; the parameter 0 selects the oldest."""
     machine, records, values = context.machine, context.machine.log.records, []
     index = number_within(context.parameter, range(len(records)), RefusalCode.BAD_INDEX)
     time, all_commanded, all_actual = records[index]

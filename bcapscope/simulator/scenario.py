@@ -1,9 +1,7 @@
-"""Scenarios: the state of a controller, and what goes wrong with the controller. This module reads
-scenarios from YAML and checks them.
+"""Scenarios in YAML: the state of a controller, and what goes wrong with the controller.
 
-`read_scenario` reads a scenario, and `bcapscope.simulator.scenario_runner.ScenarioRunner` plays it. In the
-bundled scenarios, durations, limits and times are assumed. The failures in these scenarios happened to users
-of real controllers, as each scenario says.
+In the bundled scenarios, durations, limits and times are assumed. The failures happened to users of real
+controllers, as each scenario says.
 """
 
 from __future__ import annotations
@@ -59,8 +57,6 @@ class ProfileName(StrEnum):
 
 
 class ServerDefect(StrEnum):
-    """Defects of DENSO's C server."""
-
     FORGETS_FIRST = "forgets-first"
     SERIAL_ZERO = "serial-zero"
 
@@ -74,18 +70,17 @@ class ClientProgram(StrEnum):
     """What the client of a scenario does. Each program succeeds if no fault occurs."""
 
     CALLS = "calls"
-    """The client connects, reads and writes a few variables, and disconnects."""
+    """Connect, read and write a few variables, and disconnect."""
     MOTION = "motion"
-    """The client acts as in `CALLS`, takes the arm, switches the motor on and moves the robot to and fro."""
+    """As `CALLS`, then take the arm, switch the motor on and move the robot to and fro."""
     SLAVE = "slave"
-    """The client acts as in `MOTION`, moves to a first position with the pass motion @E, and enters slave
-    mode. If the controller sets the pace, each reply triggers the next set point. If the client sets the
-    pace, the client sends a set point every 8 ms.
+    """As `MOTION`, then move to a first position with the pass motion @E, and enter slave mode. Each reply
+    triggers the next set point, unless the client sets the pace: then it sends a set point every 8 ms.
     """
     PASSING = "passing"
-    """The client runs the `SLAVE` program, but the motion before slave mode has the pass motion @P."""
+    """As `SLAVE`, but the motion before slave mode has the pass motion @P."""
     GRIPPER = "gripper"
-    """The client runs the `SLAVE` program, while a second client sometimes writes an I/O output."""
+    """As `SLAVE`, while a second client sometimes writes an I/O output."""
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -126,8 +121,6 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Programs of the controller: the names of all programs, and the names of the running programs."""
-
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()
 
@@ -156,8 +149,6 @@ class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Limits of all axes; missing axes keep their usual limits."""
-
     J1: AxisLimitSettings = AxisLimitSettings()
     J2: AxisLimitSettings = AxisLimitSettings()
     J3: AxisLimitSettings = AxisLimitSettings()
@@ -175,15 +166,12 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The start state of a simulated controller, and the faults and events that happen to the controller.
 
     Attributes:
-        title: One sentence that says what the scenario shows.
-        story: Text that says what happens, how the controller reacts, and which users reported this failure.
+        story: What happens, how the controller reacts, and which users reported this failure.
         shows: Rule that `bcapscope diagnose` reports as the root cause; None for no rule.
         then: Rules besides `shows` that `bcapscope diagnose` reports if the scenario's `client` is used.
         client: Client that the scenario is made for.
         defects: Defects of DENSO's C server that the controller has; None for the defects of the profile.
-        no_argument: Choice of the replies that carry no argument; None for the choice of the profile.
         variables: Initial values of variables by name, such as ``I1``, ``P3`` or ``IO128``.
-        faults: Faults and events that apply from the start.
         in_slave_mode: Faults and events that apply after slave mode is first entered.
     """
 
@@ -219,7 +207,6 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def controller_profile(self) -> Profile:
-        """The profile of the controller, with the changes of the scenario."""
         profile = PROFILES[self.profile]
         if self.defects is not None:
             profile = replace(
@@ -230,7 +217,6 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return profile
 
     def initial_state(self, epoch: int = 0) -> InitialState:
-        """Return the initial state of the controller; `epoch` is as in `InitialState`."""
         start = msgspec.structs.asdict(self.start)
         start |= {
             "joints": pad_joints(self.start.joints),

@@ -1,7 +1,5 @@
-"""Events that happen at a controller without a request from a client, such as the emergency stop or an action
-on the pendant.
+"""Events that happen at a controller without a request from a client, such as the emergency stop.
 
-The fields of an event have been validated. Each event has a method that applies the event to the controller.
 Events have the same notation as faults of messages. In a scenario file, the field `action` holds the name of
 the event or fault.
 """
@@ -32,7 +30,7 @@ Joints6: TypeAlias = Annotated[tuple[Angle, ...], Meta(min_length=AXIS_COUNT, ma
 
 
 class OperatingMode(StrEnum):
-    """Positions of the mode switch."""
+    """Positions of the mode switch; `number` is the value of `Machine.mode`."""
 
     MANUAL = "manual"
     TEACH_CHECK = "teach-check"
@@ -40,16 +38,14 @@ class OperatingMode(StrEnum):
 
     @property
     def number(self) -> int:
-        """The mode as in `Machine.mode`."""
         return {"manual": MANUAL, "teach-check": TEACH_CHECK, "automatic": AUTOMATIC}[self]
 
 
 class ScenarioEvent(Fault, frozen=True, kw_only=True):
     """Fields of all events.
 
-    An event with a condition or an attempt number happens just before the controller gets a matching request.
-    `times` limits how often the event happens. An event without a condition and without an attempt number
-    happens automatically, once.
+    An event with a condition or an attempt number happens just before the controller gets a matching request,
+    at most `times` times. Any other event happens once, when the time `after` has passed.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -71,7 +67,6 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
 
     @property
     def is_timed(self) -> bool:
-        """Whether the event happens automatically when the time `after` has passed."""
         return self.when is None and self.attempt is None
 
 
@@ -97,8 +92,6 @@ class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
 
 
 class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
-    """An error occurs: motions and slave mode end, and the error remains active until ClearError."""
-
     code: HresultQuantity
 
     def __post_init__(self) -> None:
@@ -111,8 +104,6 @@ class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
 
 
 class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
-    """Somebody turns the mode switch of the pendant."""
-
     to: OperatingMode
 
     def apply(self, simulator: Simulator, now: int) -> None:
@@ -120,8 +111,6 @@ class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
 
 
 class StopTask(ScenarioEvent, frozen=True, kw_only=True, tag="stop-task"):
-    """Somebody stops a program on the pendant."""
-
     task: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
 
     def apply(self, simulator: Simulator, now: int) -> None:
@@ -165,4 +154,3 @@ AnyEvent: TypeAlias = (
     | MoveArm
     | ResetController
 )
-"""Any event."""

@@ -16,9 +16,6 @@ def bundled_scenarios() -> Mapping[str, str]:
 
 
 def bundled_titles() -> Mapping[str, str]:
-    """Return the titles of the bundled scenarios by name.
-
-    Each title is in the first line of its file, so the function needs no slow YAML parser.
-    """
+    """The title is in the first line of each file, so that no slow YAML parser is needed."""
     first_lines = {name: text.partition("\n")[0] for name, text in bundled_scenarios().items()}
     return {name: line.removeprefix(_TITLE) for name, line in first_lines.items()}

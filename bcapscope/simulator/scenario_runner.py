@@ -1,9 +1,8 @@
 """Playing a scenario: a simulator, with the scenario's faults between the simulator and its clients.
 
-Like the simulator, a `ScenarioRunner` does no I/O and has no clock. `SimulatorServer` can serve a
-`ScenarioRunner` in place of a `Simulator`. Faults affect a request after the socket has received the request,
-and a reply before the socket sends the reply. A capture made at the socket therefore shows the same as a
-capture at the controller's end of the cable.
+A `ScenarioRunner` does no I/O and has no clock. Faults affect a request after the socket has received it, and
+a reply before the socket sends it. A capture at the socket therefore shows the same as a capture at the
+controller's end of the cable.
 """
 
 from __future__ import annotations
@@ -36,8 +35,7 @@ from bcapscope.traffic.observation import (
 )
 
 MAX_LINES = 1024
-"""Maximum number of clients. Beyond this limit, the runner drops the UDP client that has been silent longest.
-"""
+"""Maximum number of clients. Beyond it, the UDP client that has been silent longest is dropped."""
 
 _HERE = Endpoint("simulator", 0)
 
@@ -63,10 +61,9 @@ class ScenarioRunner:
         seed: int | None = None,
         on_news: Callable[[Message], None] = lambda news: None,
     ) -> None:
-        """Begin to play a scenario. `simulator` must have the scenario's profile and initial state.
+        """`simulator` must have the scenario's profile and start state. `seed` replaces the scenario's seed.
 
-        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault that
-        happens.
+        `on_news` gets the name of each event and fault that happens.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -129,8 +126,6 @@ class ScenarioRunner:
     def has_running_calls(self) -> bool:
         return self.simulator.has_running_calls
 
-    # faults and events
-
     def _schedule(self, faults_and_events: FaultsAndEvents, now: int) -> None:
         for each in faults_and_events:
             if not isinstance(each, ScenarioEvent):
@@ -163,8 +158,6 @@ class ScenarioRunner:
         if not self._was_in_slave_mode and self.simulator.machine.slave.mode is not None:
             self._was_in_slave_mode = True
             self._schedule(self._scenario.in_slave_mode, now)
-
-    # messages
 
     def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
         outputs = self._trigger_events(line, data, now) if self._triggered else []
@@ -229,8 +222,6 @@ class ScenarioRunner:
         self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, ResetMarker() if closing.how is CloseMode.RESET else b"")]
 
-    # clients
-
     def _line_of(self, peer: Peer, transport: Transport) -> _ClientLine:
         line = self._lines.pop(peer, None) or self._new_line(peer, transport)
         self._lines[peer] = line
@@ -254,7 +245,6 @@ class ScenarioRunner:
 
 
 def _endpoint(peer: Peer) -> Endpoint:
-    """Return the host and port of a client. With `SimulatorServer`, `peer` contains the client's address."""
     match peer:
         case (_, (str(host), int(port), *_)):
             return Endpoint(host, port)

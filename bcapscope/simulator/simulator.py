@@ -1,8 +1,6 @@
 """The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
-The model does no I/O and has no clock. The limits on clients are those of orin_bcap
-C/src/bCAPServer/bcap_server.c. DENSO's C server ends its UDP service when it receives a datagram that begins
-like a frame but is not a frame. The simulator drops and counts a datagram that is not a valid frame.
+The model does no I/O and has no clock.
 """
 
 from __future__ import annotations
@@ -25,14 +23,10 @@ MAX_CLIENTS = 20
 """Maximum number of clients per transport, TCP or UDP."""
 
 STOP_CLIENTS = 4
-"""Number of clients per transport that the simulator accepts beyond `MAX_CLIENTS`. A client beyond
-`MAX_CLIENTS` must send a stop as its first request. DENSO's C server refuses all clients beyond its limit.
-"""
+"""Clients per transport beyond `MAX_CLIENTS` that may send a stop. DENSO's C server refuses them."""
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""If a UDP client sends no request for this time in ns, a new client may replace it. A new client replaces
-another client only if the maximum number of clients is reached.
-"""
+"""Time in ns without a request after which a new client may replace a UDP client, if the host is full."""
 
 LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
@@ -42,7 +36,7 @@ Peer: TypeAlias = Hashable
 
 
 class ResetMarker(bytes):
-    """A `ResetMarker` as `SimulatorOutput.data` makes the server reset the TCP connection."""
+    """As `SimulatorOutput.data`, makes the server reset the TCP connection."""
 
 
 class SimulatorOutput(NamedTuple):
@@ -53,9 +47,7 @@ class SimulatorOutput(NamedTuple):
 
 
 ClientFactory: TypeAlias = Callable[[int, bool, Callable[[CallReport], None]], HostedClient]
-"""Creates a client. Arguments: the client's number, whether the client uses UDP, and a function that gets
-each answered call.
-"""
+"""Arguments: the client's number, whether it uses UDP, and a function that gets each answered call."""
 
 
 class _Link(NamedTuple):
@@ -64,9 +56,7 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame, else None. The check must be fast, because a
-    flood of datagrams may arrive.
-    """
+    """Return the frame if a datagram is exactly one valid frame. A flood of datagrams must stay cheap."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
@@ -77,12 +67,10 @@ def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
 
 
 class ClientHost:
-    """The clients of a controller. A `ClientHost` finds the client of each request, and limits the number of
-    clients.
+    """Finds the client of each request, and limits the number of clients.
 
     Attributes:
         dropped: Number of datagrams that were not a valid frame, or came from a client beyond the limit.
-        evictable_after: If a UDP client sends no request for this time in ns, a new client may replace it.
         closes_on_bad_frame: Whether a bad frame ends the connection; if not, the host skips the frame.
     """
 
@@ -113,18 +101,13 @@ class ClientHost:
         return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection. Return False at the maximum number of clients; the caller then closes the
-        connection.
-
-        A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
-        """
+        """Return whether a connection is accepted. If the first request is a stop, there is extra room."""
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, False, now)
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a TCP connection. Bytes outside any frame are skipped."""
         link = self._links.get(peer)
         if link is None or link.splitter is None:
             return []
@@ -206,9 +189,7 @@ class ClientHost:
         return self._add_client(peer, True, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Remove the UDP client that was silent longest, if the silence lasted at least `evictable_after`.
-        Return whether a client was removed.
-        """
+        """Return whether the longest silent UDP client, silent for `evictable_after`, was removed."""
         silent = [(link.client.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])
         if now - heard < self.evictable_after:
@@ -235,11 +216,7 @@ class Simulator(ClientHost):
         now: int = 0,
         report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
-        """Switch the controller on at the time `now`. All times are in ns of one clock, which the caller
-        chooses.
-
-        The simulator passes each answered call and its client to `report`.
-        """
+        """Switch the controller on at the time `now`, in ns of a clock that the caller chooses."""
         self.machine = Machine(profile, initial_state, now)
         super().__init__(partial(CallExecutor, self.machine), report)
         for place in range(self.machine.initial_state.udp_clients):
@@ -256,9 +233,7 @@ class Simulator(ClientHost):
 
     @property
     def runs_in_real_time(self) -> bool:
-        """True in a slave mode where the client sets the pace. If `runs_in_real_time`, the simulated time
-        advances even while this process is suspended.
-        """
+        """True in a slave mode where the client sets the pace: the simulated time then never stops."""
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 

@@ -1,13 +1,11 @@
 """The clock of the simulated controller. The clock stops while this process gets no processor.
 
-A real controller never waits for a processor. If this process gets no processor when an event or a request
-comes, the clock stops until the process runs again. If the clock did not stop, a period of 8 ms could end
-before the simulator sends the reply that triggers the next set point.
+A real controller never waits for a processor. If the clock did not stop, a period of 8 ms could end before
+the simulator sends the reply that triggers the next set point.
 
-The operating system records when a frame arrives, and the model processes each frame with the recorded time.
-The simulator therefore judges a set point by its arrival time, even if the simulator reads the set point
-late.
-The clock never stops in a mode where the client sets the pace, because this client does not wait for replies.
+The model processes each frame with the arrival time that the operating system recorded, even if the simulator
+reads the frame late. The clock never stops in a mode where the client sets the pace, because this client does
+not wait for replies.
 """
 
 from __future__ import annotations
@@ -17,14 +15,10 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest delay in ns that counts as normal. The delay begins when an event is due or a request arrives. If a
-delay exceeds `STALL_NS`, the operating system did not run the simulator's process in time.
-"""
+"""Longest normal delay in ns after a due event or an arrived request; after a longer one, the clock stops."""
 
 
 class ClockedModel(Protocol):
-    """Interface of a model, such as `Simulator`, whose time comes from a `SimulatorClock`."""
-
     @property
     def runs_in_real_time(self) -> bool: ...
     @property
@@ -33,10 +27,7 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The clock of a simulated controller, in ns. `latest_time` is the latest simulated time that the clock
-    gave to the simulated controller. The clock never gives the simulated controller a time before
-    `latest_time`.
-    """
+    """The clock, in ns. `latest_time` is the latest time that the clock gave to the simulated controller."""
 
     def __init__(
         self,
@@ -58,9 +49,7 @@ class SimulatorClock:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the simulated time. If an event is overdue by more than `STALL_NS`, the simulated time goes
-        back to the event's due time.
-        """
+        """Return the simulated time. If an event is long overdue, the time goes back to its due time."""
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -76,8 +65,7 @@ class SimulatorClock:
 
         If the simulator reads a request more than `STALL_NS` after the arrival, the simulated time goes back
         to the arrival. During a running call, the simulated time does not go back, because a request during a
-        call is usually a retry. The clock stores only the newest pause, because a request rarely waits
-        through two pauses.
+        call is usually a retry. Only the newest pause is stored: a request rarely waits through two.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -99,14 +87,11 @@ class SimulatorClock:
         self._updated_at = at
 
     def make_monotonic(self, now: int) -> int:
-        """Return the later of `now` and `latest_time`, so that the simulated time never goes back."""
         self.latest_time = max(self.latest_time, now)
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If the simulator took longer than `STALL_NS` to send replies, remove the time since the last
-        `update` from the simulated time.
-        """
+        """If sending took longer than `STALL_NS`, remove the time since `update` from the simulated time."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

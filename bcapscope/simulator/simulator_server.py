@@ -1,8 +1,4 @@
-"""The sockets of the simulator: UDP and TCP on one port, served by one thread.
-
-The number of sockets is limited: 20 TCP clients, a few more that send stops, new connections that have sent
-no frame yet, and the listening sockets.
-"""
+"""The sockets of the simulator: UDP and TCP on one port, served by one thread."""
 
 from __future__ import annotations
 
@@ -10,12 +6,12 @@ import re
 import select
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from bcapscope.protocol.first_frame import first_frame_stops
-from bcapscope.simulator.listening_sockets import DatagramQueue, Sender, open_sockets
+from bcapscope.simulator.listening_sockets import DatagramQueue, open_sockets
 from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
 from bcapscope.simulator.simulator_clock import ClockedModel, SimulatorClock
 from bcapscope.transport.descriptors import SpareDescriptors, accept_connection
@@ -60,8 +56,7 @@ ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
 class TrafficTap(Protocol):
     """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970.
 
-    `on_stream_end` means that one end of a TCP connection closed or reset the connection, and
-    `on_connection_end` that the connection ended in both directions.
+    `on_stream_end` means that one end closed or reset a TCP connection, `on_connection_end` that both did.
     """
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None: ...
@@ -71,8 +66,6 @@ class TrafficTap(Protocol):
 
 
 class ControllerModel(ClockedModel, Protocol):
-    """Interface of a simulated controller for the server. Each method works as in `Simulator`."""
-
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
@@ -82,8 +75,6 @@ class ControllerModel(ClockedModel, Protocol):
 
 
 class _Connection:
-    """A TCP client: its socket, and the bytes that wait to be sent to it."""
-
     __slots__ = ("backlog", "client", "is_blocked", "last_heard", "number", "peer", "receive", "socket")
 
     def __init__(self, sock: socket.socket, address: Address) -> None:
@@ -100,11 +91,9 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
-    The model's time is the time of a `SimulatorClock`. Each request keeps its arrival time, which Linux
-    records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
-    the server may read several set points together. The server spreads the arrival times of the set points
-    evenly over the time since the client's previous bytes arrived. In modes where the client does not set the
-    pace, all requests that were read together have the same arrival time.
+    Each request keeps its arrival time, which Linux records; on TCP, only that of the last byte. In modes
+    where the client sets the pace, several set points may be read together. The server spreads their arrival
+    times evenly over the time since the client's previous bytes.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -143,9 +132,7 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve for at most `until` seconds. Also watch the caller's descriptors in `extra`, and return the
-        readable ones.
-        """
+        """Serve for at most `until` seconds. Also watch `extra` descriptors, and return the readable ones."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -182,9 +169,7 @@ class SimulatorServer:
     def _wait(self, readers: list[int], until: float, due: int | None, now: int) -> ReadyDescriptors:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
-        If a poll finds no bytes and the next poll finds some, these bytes arrived between the two polls. If
-        several datagrams arrived between two polls, the server reads one datagram, and later polls find the
-        others.
+        If a poll finds no bytes and the next poll finds some, these bytes arrived between the two polls.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -200,18 +185,12 @@ class SimulatorServer:
         return self._select(readers, wait)
 
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
-        """Return the descriptors that are ready, after `seconds` at the latest.
-
-        `epoll` cannot replace `select`, because stdin may be a regular file, which `epoll` refuses. `poll`
-        waits in ms, but modes with a fixed cycle of 8 ms need a wait in µs.
-        """
+        """`epoll` refuses regular files, even as stdin. `poll` waits in ms, but a cycle of 8 ms needs µs."""
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If many sockets are readable (`is_crowded`), read the datagrams after each TCP
-        segment.
-        """
+        """Read a socket. If many are readable (`is_crowded`), read the datagrams after each TCP segment."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -223,9 +202,7 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Read the waiting datagrams, so that the system's buffer does not overflow. Answer the first
-        datagram immediately, and queue the remaining datagrams.
-        """
+        """Empty the system's buffer before it overflows. Answer only the first datagram immediately."""
         receive, turns = self._receive, self.datagram_queue
         # If `_may_be_more` is False, `_arrival_time` does not need an arrival time from the operating system.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
@@ -245,12 +222,11 @@ class SimulatorServer:
         for address, came, data in self.datagram_queue.pop_one_per_sender():
             self._deliver_datagram(address, came, data)
 
-    def _deliver_datagram(self, address: Sender, came: int, data: bytes) -> None:
+    def _deliver_datagram(self, address: Hashable, came: int, data: bytes) -> None:
         self._send(self._model.on_datagram(("udp", address), data, self._clock.make_monotonic(came)))
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """Return the arrival time of the received bytes in simulated time."""
         if not self._may_be_more:
             return self._polled_empty_at
         return self._clock.arrival_time(kernel_timestamp(control, 0))
@@ -289,9 +265,7 @@ class SimulatorServer:
         return is_freed
 
     def _tidy(self) -> None:
-        """Once a second, close overdue connections. If a lack of descriptors stopped the server from
-        accepting connections, accept connections again.
-        """
+        """Once a second, close overdue connections, and accept again after a lack of descriptors."""
         now = time.monotonic_ns()
         if now - self._tidied_at < _TIDY_INTERVAL_NS:
             return
@@ -304,9 +278,7 @@ class SimulatorServer:
             self._choose_sockets()
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
-        """Accept the connection of a new client. At the maximum number of clients, close the connection
-        unless its first request is a stop.
-        """
+        """Accept a new client; a full server closes its connection unless the first request is a stop."""
         is_stop = first_frame_stops(first)
         has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())
         if not has_room and is_stop:
@@ -434,8 +406,7 @@ def serve(
 ) -> None:
     """Serve until interrupted, and call `idle` after each step; `idle` returns whether it has more work.
 
-    The loop also watches the caller's descriptors in `extra`, and calls `on_readable` with each readable one.
-    `on_readable` may change `extra`.
+    `on_readable` gets each readable descriptor of `extra`, and may change `extra`.
     """
     is_busy = False
     while True:

@@ -1,9 +1,4 @@
-"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat.
-
-Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). Assumption from DENSO's guide: before the client calls slvRecvFormat, slvMove returns a pose of the
-mode's type.
-"""
+"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat."""
 
 from __future__ import annotations
 
@@ -40,13 +35,10 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""A set point is invalid if its norm reaches this value. The norm is the length of the vector that the
-numbers of the set point form.
-"""
+"""A set point is invalid if the length of the vector of its numbers reaches this value."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
-HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
 
 
 def change_mode(context: CallContext) -> HandlerOutcome:
@@ -184,9 +176,9 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
 def _write_io(context: CallContext, point: SetPoint) -> None:
     memory = context.machine.memory
     if point.mini_io is not None:
-        memory.write_word(MINI_IO, point.mini_io, MINI_MASK)
+        memory.io[3] = point.mini_io >> 24 & 0xFF  # IO24 to IO31; the other bits are not written
     if point.hand_io is not None:
-        memory.write_word(HAND_IO, point.hand_io, HAND_MASK)
+        memory.io[8] = point.hand_io >> 16 & 0xFF  # IO64 to IO71
     if point.user_write is not None and point.user_write.data is not None:
         start, stop = _run(point.user_write)
         memory.io[start:stop] = point.user_write.data[: stop - start].ljust(stop - start, b"\0")
@@ -213,12 +205,12 @@ def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Var
     if form.poses:
         parts.append(float_array(VT.R8, [value for each in form.poses for value in pose_of(each, actual)]))
     if form.mini_io:
-        parts.append(i4(machine.memory.word(MINI_IO)))
+        parts.append(machine.memory.read("IOD", MINI_IO))
     if form.user_io:
         start, stop = _run(point.user_read) if point.user_read else (0, 0)
         parts.append(Variant.array(VT.UI1, bytes(machine.memory.io[start:stop])))
     if form.hand_io:
-        parts.append(i4(machine.memory.word(HAND_IO)))
+        parts.append(machine.memory.read("IOD", HAND_IO))
     if form.current:
         parts.append(float_array(VT.R8, currents(context)))
     return variant_array(*parts)
@@ -230,7 +222,7 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return one simulated motor current per axis: the commanded minus the measured angle in degrees."""
+    """Return one simulated motor current per axis: the lag of the encoders in degrees."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

@@ -1,9 +1,4 @@
-"""Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
-
-Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
-modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). The value of
-`MOVING_THRESHOLD` is an assumption. Another assumption is that the 8 ms cycle does not depend on the client.
-"""
+"""Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
 
 MOVING_THRESHOLD = 0.01
-"""An axis counts as moving if it moves by more than this number of degrees in 8 ms."""
+"""An axis counts as moving if it moves by more than this number of degrees in 8 ms. Assumed."""
 
 _TOLERANCE = 1.000001  # tolerance for set points that were rounded to single precision
 
@@ -28,9 +23,7 @@ class SlaveDrive:
     Attributes:
         run_number: Number of slave-mode sessions so far.
         consumed: Number of set points consumed in this slave-mode session.
-        async_detector: Whether a late set point is an error in RC7's Async modes. Users change this setting
-            on the pendant.
-        receive_format: Format of slvMove's result, as set by slvRecvFormat; None before slvRecvFormat.
+        async_detector: Whether a late set point is an error in RC7's Async modes; a setting on the pendant.
         unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
     """
 
@@ -60,7 +53,6 @@ class SlaveDrive:
         return not self._queue and not self._moving
 
     def enter(self, mode: SlaveMode, now: int) -> None:
-        """Switch slave mode on; the arm stands still."""
         self.mode = mode
         self.run_number += 1
         self.unreported_result = 0
@@ -72,19 +64,17 @@ class SlaveDrive:
         self._arm.begin_set_points(now)
 
     def drain(self) -> None:
-        """Continue slave mode until the buffer is empty. From now on, an empty buffer is not an error."""
+        """From now on, an empty buffer is not an error."""
         self._leaving = True
 
     def leave(self, unreported_result: int = 0) -> None:
-        """Switch slave mode off and drop the set points in the buffer."""
         if self.mode is not None:
             self.unreported_result = unreported_result
         self.mode = None
         self._queue.clear()
 
     def push(self, joints: Joints) -> int:
-        """Put a set point into the buffer. Return how many set points must be `consumed` before slvMove may
-        answer.
+        """Return how many set points must be `consumed` before slvMove may answer.
 
         A full buffer refuses the set point in modes that do not make the client wait.
         """
@@ -102,9 +92,7 @@ class SlaveDrive:
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
     def advance(self, now: int) -> int | None:
-        """Consume the set points due by `now`. At the first error, return the error's code, and leave
-        `next_tick` at the error's time. Without an error, return None.
-        """
+        """Consume the due set points. Return the code of the first error; `next_tick` stays at its time."""
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS
@@ -136,7 +124,6 @@ class SlaveDrive:
         self._moving = False
 
     def _limit_violation(self, speed: Joints) -> int:
-        """Return the result code for the first axis that is too fast or accelerates too much; 0 if none."""
         seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]

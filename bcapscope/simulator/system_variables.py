@@ -1,9 +1,6 @@
 """Reading and writing the variables of controller, robot and task objects.
 
-Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and
-their configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config).
-The simulator assumes that clients can write all speed variables, not only @EXTSPEED. TOOLn, WORKn and _ITP
-were seen on RC7 only.
+The simulator assumes that clients can write all speed variables.
 """
 
 from __future__ import annotations
@@ -35,7 +32,6 @@ TYPE_NUMBER = 999
 
 
 def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
-    """Refuse a variable that the object does not have on a controller of this generation."""
     upper = name.strip().upper()
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
     is_known = match is not None or upper in _READERS.get(owner, ())
@@ -74,7 +70,7 @@ def write_variable(context: CallContext) -> HandlerOutcome:
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
-    """Return the names of an object's variables; numbered variables appear with the number 0."""
+    """Numbered variables appear with the number 0."""
     letters = (*LETTERS, *FRAMES) if owner is ObjectClass.CONTROLLER else ()
     return (
         *(f"{letter}0" for letter in letters if _exists_on(generation, letter)),
@@ -83,9 +79,7 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
 
 
 def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
-    """Return the letter and the number of a numbered variable. If the variable's name ends in `*`, the
-    variable's number is the ID that the client stored.
-    """
+    """Return letter and number. If the name ends in `*`, the number is the ID that the client stored."""
     match = _NUMBERED.fullmatch(context.object.name.strip().upper())
     if match is None or _owner(context).kind is not ObjectClass.CONTROLLER:
         return None
@@ -98,7 +92,6 @@ def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
 
 
 def _owner(context: CallContext) -> ControllerObject:
-    """Return the object that owns the variable."""
     owner = context.object.parent
     assert owner is not None
     return owner
@@ -147,12 +140,9 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
     (ObjectClass.TASK, "@STOP"): lambda context: context.machine.stop_task(_owner(context).name, context.now),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Handlers for writes to variables. For example, a write to `@SERVO_ON` runs the command Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that clients cannot write in slave mode, because slave mode refuses the equivalent command or
-function.
-"""
+"""Slave mode refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:

@@ -1,9 +1,4 @@
-"""The numbered variables and the I/O of the simulated controller.
-
-Sources for the VARIANT type of each kind of variable (I, F, D, V, P, J, T, S):
-ShoheiKobata/orin_bcap_python_samples SimpleSamples and DENSORobot/denso_robot_ros2. On a real controller, the
-number of variables of each letter is a setting; the simulator has one number for all letters.
-"""
+"""The numbered variables and the I/O of the simulated controller."""
 
 from __future__ import annotations
 
@@ -14,10 +9,9 @@ from bcapscope.simulator import argument_values
 from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 VARIABLES_PER_LETTER = 100
-"""Variables of each letter."""
 
 MAX_FRAMES = 64
-"""There are 64 tool and 64 work coordinate systems, numbered from 0. The count 64 is an assumption."""
+"""Tool and work coordinate systems, numbered from 0. The number is an assumption."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
@@ -40,10 +34,8 @@ _IO_WORDS = {
 
 
 class VariableMemory:
-    """The variables that programs and clients share."""
-
     def __init__(self, real: VT) -> None:
-        """Set all variables and I/O to zero; `real` is the VARIANT type of the numbers in vectors."""
+        """`real` is the VARIANT type of the numbers in vectors."""
         self._real = real
         self._values: dict[tuple[str, int], Variant] = {}
         self.io = bytearray(IO_BYTES)
@@ -79,15 +71,6 @@ class VariableMemory:
         if letter in _ROW_LENGTHS:
             return argument_values.float_array(self._real, (0.0,) * _ROW_LENGTHS[letter])
         return Variant(_SCALARS[letter], 0 if letter == "I" else 0.0)
-
-    def word(self, first: int) -> int:
-        """Return 32 bits of I/O from bit `first`, a multiple of 8, as a signed little-endian number."""
-        return int.from_bytes(self.io[first // 8 : first // 8 + 4], "little", signed=True)
-
-    def write_word(self, first: int, word: int, mask: int) -> None:
-        """Write 32 bits of I/O from bit `first`, but only the bits that are set in `mask`."""
-        old = self.word(first) & 0xFFFFFFFF
-        self.io[first // 8 : first // 8 + 4] = ((old & ~mask) | (word & mask)).to_bytes(4, "little")
 
     def _read_io(self, letter: str, index: int) -> Variant:
         if letter == "IO":
