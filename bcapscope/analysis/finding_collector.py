@@ -48,8 +48,7 @@ class FindingCollector:
         if occurrence.is_update:
             self._update(occurrence)
             return
-        rule = occurrence.rule
-        group = self._groups.get((rule.id, occurrence.selected, occurrence.group_key))
+        group = self._groups.get((occurrence.rule_id, occurrence.selected, occurrence.group_key))
         group = group or self._open_group(occurrence)
         group.add(occurrence)
         if occurrence.call:
@@ -93,8 +92,8 @@ class FindingCollector:
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
         known = self._causes.pop(occurrence, None)
-        injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
-        if injected and occurrence.rule.id != INJECTED:
+        injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule_id == INJECTED]
+        if injected and occurrence.rule_id != INJECTED:
             self._set_cause(occurrence, injected[0])
             return
         likely = occurrence.rule.possible_causes
@@ -102,7 +101,7 @@ class FindingCollector:
             each
             for number in occurrence.explaining_calls
             for each in self._by_call.get(number, ())
-            if each.rule.severity is not Severity.NOTE or each.rule.id in likely
+            if each.rule.severity is not Severity.NOTE or each.rule_id in likely
         ]
         cause = self._certain_cause(occurrence) or self._best_cause(named, occurrence)
         if cause is None:
@@ -132,7 +131,7 @@ class FindingCollector:
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
-            key = each.began, -_cause_rank(each.rule.id, effect.rule.possible_causes)
+            key = each.began, -_cause_rank(each.rule_id, effect.rule.possible_causes)
             if (best is None or key >= best_key) and not self._leads_to(each, effect):
                 best, best_key = each, key
         return best
@@ -146,9 +145,9 @@ class FindingCollector:
         return False
 
     def _group_of(self, occurrence: Occurrence) -> FindingGroup:
-        known = self._groups.get((occurrence.rule.id, occurrence.selected, occurrence.group_key))
+        known = self._groups.get((occurrence.rule_id, occurrence.selected, occurrence.group_key))
         return known or next(
-            group for group in self._by_rule[occurrence.rule.id] if group.selected is occurrence.selected
+            group for group in self._by_rule[occurrence.rule_id] if group.selected is occurrence.selected
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
