@@ -1,8 +1,7 @@
-"""Facts about one slave-mode session, stored in plain fields.
+"""Facts about one slave-mode session.
 
 Times are in ns since 1970-01-01 UTC. Durations are in ms. Frames are given by their observation numbers. If a
-list could grow long in a bad capture, it has only the first few entries, and a separate field has their total
-number.
+list could grow long, it has only the first few entries, and a separate field has their total number.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from bcapscope.traffic.observation import Conversation, Endpoint
 
 
 class FrameTime(NamedTuple):
-    """The number of a frame, and the time when the frame was captured."""
+    """The number of a frame, and its capture time in ns since 1970."""
 
     frame: int
     time: int
@@ -60,8 +59,8 @@ class KnownMode(NamedTuple):
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
         meaning: Slave mode that `value` selects on this generation of controllers; None if `value` is
-            undefined or unknown. If the generation is unknown, `meaning` is a slave mode of the RC8.
-        guessed: True if `meaning` assumes an RC8, because the generation is unknown.
+            undefined or unknown.
+        guessed: Whether `meaning` assumes an RC8, because the generation is unknown.
         pose_type: Pose type of the set points. If the mode is unknown, the number of values in a pose shows
             the pose type.
     """
@@ -94,9 +93,7 @@ class ExitReason(StrEnum):
     LEFT = "left"
     """The client left slave mode with slvChangeMode 0."""
     CHANGED = "changed"
-    """The client called slvChangeMode, and thereby entered another slave mode, or the same slave mode
-    again.
-    """
+    """The client entered another slave mode, or the same slave mode again, with slvChangeMode."""
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
@@ -191,8 +188,7 @@ class SlaveSession:
         samples: Set points for charts; each can stand for several neighbouring set points.
         entry_call: The slvChangeMode call that began the session; None if the session began before the
             capture.
-        entered_at: Time when the session began: the time of the reply to `entry_call`; if there is no such
-            reply, the time of the first set point.
+        entered_at: Time of the reply to `entry_call`; without such a reply, time of the first set point.
         send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
         pace: Pace of the set points while the robot moves; None if the capture shows no motion.
@@ -230,7 +226,6 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
-        """Whether the capture lacks the call that began the session."""
         return self.entry_call is None
 
     @property
