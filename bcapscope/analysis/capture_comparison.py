@@ -125,8 +125,8 @@ def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
             differences += _call_differences(kind, kinds_good[kind], figures)
     return CaptureComparison(
         tuple(sorted(differences, key=lambda each: not each.notable)),
-        tuple(_unmatched_kinds(kinds_good, kinds_bad)),
-        tuple(_unmatched_kinds(kinds_bad, kinds_good)),
+        _unmatched_kinds(kinds_good, kinds_bad),
+        _unmatched_kinds(kinds_bad, kinds_good),
         (len(good.slave_sessions), len(bad.slave_sessions)),
         tuple(_rule_differences(good.findings, bad.findings)),
     )
@@ -139,10 +139,8 @@ def _by_kind(statistics: Statistics | None) -> dict[CallKind, CallFigures]:
 
 def _unmatched_kinds(
     mine: dict[CallKind, CallFigures], other: dict[CallKind, CallFigures]
-) -> Iterator[UnmatchedKind]:
-    for kind, figures in mine.items():
-        if kind not in other:
-            yield UnmatchedKind(kind, figures.calls)
+) -> tuple[UnmatchedKind, ...]:
+    return tuple(UnmatchedKind(kind, mine[kind].calls) for kind in mine if kind not in other)
 
 
 # Decides whether the difference of two values is notable. The numbers are those of the calls or cycles from

@@ -194,17 +194,14 @@ class FindingCollector:
         for group in groups:
             for occurrence in group:
                 self._link_cause(occurrence)
-        self._choose_shown(groups)
-        order = FindingOrder(groups, self._causes)
-        return tuple(_ordered_finding(group, order) for group in order.groups)
-
-    def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes: one with consequences, grave impact, early."""
+        # Prefer occurrences with consequences, then the gravest impact on the robot, then the earliest time.
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(
                 group, key=lambda each: (each not in followed, each.impact, each.began, each.completed)
             )
+        order = FindingOrder(groups, self._causes)
+        return tuple(_ordered_finding(group, order) for group in order.groups)
 
 
 def _append_bounded(by_call: dict[int, list[Occurrence]], number: int, occurrence: Occurrence) -> None:

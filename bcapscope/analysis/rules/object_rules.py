@@ -32,8 +32,6 @@ class _HandleTally:
 
 
 class ObjectChecker(RuleChecker):
-    """Counts the open handles of each object, for each client."""
-
     def set_up(self) -> None:
         self._tallies: dict[tuple[Conversation, ObjectClass, str], _HandleTally] = {}
 

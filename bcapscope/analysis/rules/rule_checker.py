@@ -72,11 +72,8 @@ class Occurrence:
 
 
 class ClientEnd(NamedTuple):
-    """The end of a client's traffic: the capture ended, or the client was dropped from memory.
-
-    Attributes:
-        ended_at: Time in ns since 1970.
-        known_present: Whether the client is known to be still connected, although it sends nothing.
+    """The end of a client's traffic at `ended_at` (ns since 1970): the capture ended, or the client was
+    dropped from memory. A client with `known_present` is still connected, although it sends nothing.
     """
 
     client: ClientState

@@ -240,18 +240,14 @@ def _explain_name_in_use(call: Call, client: ClientState) -> RefusalReason | Non
     for other in (client, *client.other_clients()):
         connected = other.connect_call if other.session_end is None else None
         if connected is not None and text_argument(connected, 0) == name:
-            return _held_by(other, connected, name)
+            reason = Message(
+                "reason.name-in-use",
+                holder=client_place(other.conversation),
+                name=WireText(name),
+                at=Moment(connected.request.time),
+            )
+            return RefusalReason(reason, evidence_call=connected)
     return RefusalReason(Message("reason.name-left", name=WireText(name)))
-
-
-def _held_by(client: ClientState, connected: Call, name: str) -> RefusalReason:
-    reason = Message(
-        "reason.name-in-use",
-        holder=client_place(client.conversation),
-        name=WireText(name),
-        at=Moment(connected.request.time),
-    )
-    return RefusalReason(reason, evidence_call=connected)
 
 
 def _explain_busy(call: Call, client: ClientState) -> RefusalReason | None:
@@ -284,12 +280,9 @@ def _share_call_slot(one: Call, other: Call) -> bool:
 def _running_call(client: ClientState, call: Call) -> Call | None:
     """Return the latest slow call of `client` if `call` began, or may have begun, during this slow call."""
     slow = client.slow_call
-    return slow if slow is not None and _may_have_run(slow, call) else None
-
-
-def _may_have_run(earlier: Call, call: Call) -> bool:
-    begun = earlier.request.time <= call.request.time
-    return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
+    if slow is None or slow.request.time > call.request.time:
+        return None
+    return slow if slow.reply is None or slow.reply.time > call.request.time else None
 
 
 _PROVIDER_CODES = (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209)

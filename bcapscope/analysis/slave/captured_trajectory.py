@@ -66,7 +66,7 @@ class CapturedTrajectory:
 
 
 class TrajectoryStep(NamedTuple):
-    """One set point.
+    """One set point, which the client may have sent several times.
 
     Attributes:
         time: Time of the first request, ns since 1970.

@@ -132,7 +132,7 @@ class SlaveSessionDetector:
         self._held_back = deque(
             each for each in self._held_back if each.builder.conversation is not conversation
         )
-        return tuple(map(self._release, found))
+        return tuple(map(self._make_session, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
         """Return the sessions that were not returned yet, as if the traffic had ended at `ended_at` or at the
@@ -149,7 +149,7 @@ class SlaveSessionDetector:
 
     def process_waiting(self) -> None:
         """Process all stored set points, and pass them to `on_set_points`."""
-        for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
+        for builder in self._unfinished:
             self._process_batch(builder)
 
     @property
@@ -315,23 +315,15 @@ class SlaveSessionDetector:
         sessions = []
         ended = self._held_back
         while ended and (ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
-            sessions.append(self._release(ended.popleft()))
+            sessions.append(self._make_session(ended.popleft()))
         return sessions
-
-    def _release(self, ended: _EndedSession) -> SlaveSession:
-        session = self._make_session(ended)
-        ended.builder.process_batch(ended.slave_setup)
-        return session
 
     def _make_session(self, ended: _EndedSession) -> SlaveSession:
         builder = ended.builder
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # The batch may still hold set points. `processed` adds them to the session's figures.
-        return builder.processed(ended.slave_setup).session(
-            exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
-        )
+        return builder.session(exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:])))
 
     def _process_batch(self, builder: SlaveSessionBuilder) -> None:
         builder.process_batch(self._slave_setup(builder))
@@ -354,10 +346,6 @@ class SlaveSessionDetector:
 
 def _call_end(call: Call) -> int:
     return call.request.time if call.reply is None else call.reply.time
-
-
-def _call_frames(call: Call) -> tuple[int, ...]:
-    return (call.request.number,) if call.reply is None else (call.request.number, call.reply.number)
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
@@ -385,7 +373,8 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
+    own = tuple(seen.number for seen in (call.request, call.reply) if seen is not None)
+    return SessionExit(reason, _call_end(call), (*own, *frames), call.hresult, call_fact(call))
 
 
 def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:

@@ -80,7 +80,9 @@ class SessionModels:
     ) -> None:
         self.slave_setup = slave_setup
         self.origin = batch[0].time if batch else 0
-        send, receive = _formats(slave_setup)
+        sent, received = slave_setup.send_format, slave_setup.receive_format
+        send = None if sent is None else SendFormat.parse(sent.value)
+        receive = None if received is None else ReceiveFormat.parse(received.value, received.microseconds)
         mode = slave_setup.mode_value
         pose_type = None if mode is None else pose_type_of_mode(mode)
         pose = _first_pose(batch, pose_type, send, receive)
@@ -92,9 +94,7 @@ class SessionModels:
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
         self.pace = MotionPaceModel()
         self.buffer = BufferModel(rules, self.origin)
-        self.clock = ControllerClock(
-            None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
-        )
+        self.clock = ControllerClock(None if received is None else received.microseconds)
         guessed = pose.guessed if pose else False
         self.motion = MotionModel(self.axes, pose_type, guessed, slave_setup.position)
         self.sampler = PlotSampler(len(self.axes), self.origin)
@@ -215,14 +215,6 @@ class SessionModels:
         if self.forbids_retries and len(self.forbidden_retries) < MAX_LISTED:
             self.forbidden_retries += [request.number for request in call.attempts[call.first_attempt_seen :]]
             del self.forbidden_retries[MAX_LISTED:]
-
-
-def _formats(slave_setup: SlaveSetup) -> tuple[SendFormat | None, ReceiveFormat | None]:
-    send, receive = slave_setup.send_format, slave_setup.receive_format
-    return (
-        None if send is None else SendFormat.parse(send.value),
-        None if receive is None else ReceiveFormat.parse(receive.value, receive.microseconds),
-    )
 
 
 def _pick_command(

@@ -179,9 +179,6 @@ class SlaveSession:
         number: Number of the slave-mode session in the order of start times, counted from 1.
         robot: Handle of the robot; None if no captured frame shows it.
         mode: Slave mode, and how it is known.
-        exit: When and how the session ended.
-        counts: Counts of set points by what happened to each of them.
-        timing: Cycle times, jitter and latencies of the set points.
         buffer: Estimated level of the controller's buffer.
         refused_set_points: First set points that the controller refused.
         slices_left_off: Number of slices that are missing from `slices`, because there were too many.
@@ -195,8 +192,8 @@ class SlaveSession:
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
-        other_calls: Latest calls that any client made to this controller during the session and shortly
-            before or after, in chronological order. The list `other_calls` does not include set points.
+        other_calls: Latest calls, except set points, that any client made to this controller during the
+            session and shortly before or after, in chronological order.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 
