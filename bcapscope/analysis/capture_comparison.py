@@ -93,11 +93,11 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ, sorted by `notable` (True first), then by `subject`. The order of
-            subjects is: slave-mode sessions, all calls together, kinds of call (longest total time first).
-        session_counts: Number of slave-mode sessions in each capture: first capture, second capture.
-        rules: Rules whose number of findings differs. Rules with more findings in the second capture come
-            first, in the order of ``diagnose``.
+        differences: Figures that differ: notable ones first, then by subject: slave-mode sessions, all calls
+            together, kinds of call (longest total time first).
+        session_counts: Number of slave-mode sessions in each capture.
+        rules: Rules whose number of findings differs: first those with more in the second capture, in the
+            order of ``diagnose``.
     """
 
     differences: tuple[Difference, ...]

@@ -26,8 +26,6 @@ _MAX_NAMED_STEPS = 3
 
 
 class FindingCollector:
-    """Collects the problems that rules report, in any order, and makes findings from them."""
-
     def __init__(self) -> None:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
         self._by_rule: dict[str, list[FindingGroup]] = {}

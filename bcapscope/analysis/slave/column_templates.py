@@ -41,8 +41,6 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """Bytes of a typical frame, and the positions of its variable bytes, its pose and its time stamp."""
-
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
         places = list(_number_positions(form.spans))
         self._mask = np.frombuffer(form.mask, np.uint8)

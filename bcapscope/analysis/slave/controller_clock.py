@@ -25,22 +25,18 @@ the geometric mean of 1 (for time stamps in ms) and 1000 (for time stamps in µs
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """Facts about the controller's clock and its time stamps. With receive format 0x010, replies contain
-    these time stamps.
+    """Facts about the controller's clock and its time stamps, which replies have in receive format 0x010.
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
-        unit_known_by: Message that says how the unit is known: from a captured slvRecvFormat call, or from
-            the rate of the time stamps.
+        unit_known_by: How the unit is known: from a slvRecvFormat call, or from the rate of the time stamps.
         drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
             the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
             time stamps.
         step: Difference of successive time stamps, ms; None for fewer than two time stamps.
-        missing: Number of periods between the first and the last time stamp for which no time stamp was
-            captured.
-        backwards: Number of time stamps that are earlier than the previous time stamp; a counter that wraps
-            does not count.
+        missing: Number of periods between the first and the last time stamp without a time stamp.
+        backwards: Number of time stamps that are earlier than the previous one, except where a counter wraps.
     """
 
     stamps: int

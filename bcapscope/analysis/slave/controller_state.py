@@ -85,7 +85,7 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return and forget `unanswered_entry`. A set point has shown that this call succeeded."""
+        """Return and forget `unanswered_entry`, which succeeded, as a set point has shown."""
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

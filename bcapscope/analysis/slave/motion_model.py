@@ -67,10 +67,9 @@ class AxisMotion:
         step: Absolute distance between successive set points; None for fewer than two set points.
         velocity: Absolute velocity in units per second; None for fewer than two set points.
         acceleration: Absolute acceleration in units per second squared; None for fewer than three set points.
-        difference: Absolute difference between the position in a request and the position in its reply; None
-            if no reply has a pose of the same type.
-        lag_cycles: Estimated lag of the returned pose behind the commanded pose, in set points; None if the
-            axis moves too little for an estimate.
+        difference: Absolute difference between the positions in a request and in its reply; None if no reply
+            has a pose of the same type.
+        lag_cycles: Estimated lag of the returned pose, in set points; None if the axis moves too little.
     """
 
     name: str
@@ -132,10 +131,8 @@ class MotionFacts:
         stutters: Number of repeated set points in the middle of a motion; each stops the robot for a period.
         stutter_frames: Frame numbers of the first requests that made the robot stutter.
         jumps: Number of jumps of all kinds (see `JumpKind`).
-        figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for
-            joint positions.
-        first_distance: First set point minus the robot's position at that time, per axis; () if the position
-            is unknown.
+        figure_changes: How often the value Fig (the posture) changes; 0 for joint positions.
+        first_distance: First set point minus the robot's position at that time, per axis; () if unknown.
     """
 
     read: int

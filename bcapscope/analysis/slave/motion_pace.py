@@ -51,11 +51,8 @@ class MotionPaceModel:
         self._last_reply = np.nan
 
     def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
-        """Add set points. `cycles` has the cycle time before each set point, ms; NaN if unknown.
-
-        Args:
-            in_motion: For each set point, whether the robot moves to this and to the previous set point.
-            grid_ms: Cycle time that the client should keep, in ms.
+        """Add set points, with the cycle time before each in ms (NaN if unknown), and with whether the robot
+        moves to each and to the previous set point.
         """
         # After lost packets, the time to the next set point does not show the client's pace.
         undisturbed = rows.answered & (rows.retries == 0)

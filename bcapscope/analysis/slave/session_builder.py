@@ -17,9 +17,7 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Maximum number of set points that are processed together. Larger batches need more than 2 MB and are not
-faster.
-"""
+"""Number of set points that are processed together. Larger batches need over 2 MB and are not faster."""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14

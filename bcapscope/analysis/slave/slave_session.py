@@ -143,14 +143,12 @@ class SetPointCounts:
         open: Number of set points that waited for a reply when the capture ended.
         not_followed: Number of set points that bcapscope evicted from memory before a reply arrived.
         not_captured: Number of set points whose reply the capture lacks (see `Outcome.NOT_CAPTURED`).
-        buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes these set
-            points.
+        buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes them.
         after_end: Number of set points that were refused or unanswered because the session had ended; no
-            other field includes these set points.
+            other field includes them.
         by_retries: Number of set points for each number of retries, including 0.
-        retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the set
-            point in the buffer; retries in this mode waste bandwidth (DENSO Wave 2009, How to use the Slave
-            mode).
+        retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the one in
+            the buffer, so that retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -183,8 +181,7 @@ class SlaveSession:
         refused_set_points: First set points that the controller refused.
         slices_left_off: Number of slices that are missing from `slices`, because there were too many.
         samples: Set points for charts; each can stand for several neighbouring set points.
-        entry_call: The slvChangeMode call that began the session; None if the session began before the
-            capture.
+        entry_call: The slvChangeMode call that began the session; None if it was not captured.
         entered_at: Time of the reply to `entry_call`; without such a reply, time of the first set point.
         send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.

@@ -63,14 +63,12 @@ class TimingFacts:
         jitter: Absolute difference of each cycle time from `grid_ms`, ms; None for fewer than two set points.
         on_grid: Number of cycles that differ from `grid_ms` by at most 10 %.
         skipped: Number of cycles that are at least one and a half times as long as `grid_ms`.
-        backwards: Number of set points with an earlier time than the previous set point; `cycle` does not
-            include them.
+        backwards: Number of set points, not in `cycle`, with an earlier time than the previous set point.
         rate_hz: Set points per second over the whole slave-mode session; None for fewer than two set points.
         latency: Time from the first request to the accepted reply, ms; None if no reply was captured.
         rtt: Time from the answered attempt to the accepted reply, ms; None if no reply was captured.
         slowest: The slowest set points: first those without a reply, then those with the longest latency.
-        slack_ms: Time until a full buffer is empty if no new set point arrives, ms (see
-            `buffer_model.slack_ms`).
+        slack_ms: Time until a full buffer is empty if no new set point arrives, ms.
         gaps: Number of cycles longer than `slack_ms`.
     """
 
