@@ -1,3 +1,1 @@
-"""Analysis of traffic: findings, slave-mode sessions, statistics, comparison of captures. This package uses
-no files, sockets or clock.
-"""
+"""Findings, slave-mode sessions, statistics and comparison of captures, without files, sockets or clock."""

@@ -9,28 +9,24 @@ from bcapscope.traffic.call import Call
 
 
 def argument(call: Call, index: int) -> Variant | None:
-    """Return the value of a request's argument; None if the request has fewer arguments."""
     arguments = call.request.item.arguments
     return arguments[index].variant if index < len(arguments) else None
 
 
 def text_argument(call: Call, index: int) -> str:
-    """Return a string argument of a request; "" if the argument is missing or has another type."""
     variant = argument(call, index)
     return variant.value if variant is not None and isinstance(variant.value, str) else ""
 
 
 def result_of(call: Call) -> Value:
-    """Return the value of a successful reply; None if the call failed or the reply has no value."""
+    """Return the value of a successful reply; None if there is none."""
     if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
         return None
     return call.reply.item.arguments[0].variant.value
 
 
 def first_number(variant: Variant | None) -> int | None:
-    """Return the integer in an argument: a number, the first element of an array, or a text of digits. Return
-    None if the argument has no integer.
-    """
+    """Return the integer in an argument: a number, the first element of an array, or a text of digits."""
     value = variant.value if variant is not None else None
     if isinstance(value, tuple):
         first = value[0] if value else None

@@ -13,12 +13,10 @@ from bcapscope.traffic.observation import Observation
 
 
 class CallSelection:
-    """Marks each reported problem as selected or not selected, then passes the problem to
-    `report_occurrence`.
+    """Marks each reported problem as selected or not selected, then passes it to `report_occurrence`.
 
-    A problem is selected if a selected call contains one of the problem's frames. Whether a call is selected
-    is known only when the call is complete. If a rule reports a problem of a frame, `CallSelection` stores
-    the problem until the frame's call is complete.
+    A problem is selected if a selected call contains one of its frames. A problem of a frame is stored until
+    the frame's call is complete, because only then is it known whether the call is selected.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
@@ -30,13 +28,10 @@ class CallSelection:
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_frame(self, observation: Observation) -> None:
-        """Store each problem of this frame until the frame's call is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Test whether a completed call is selected. `on_call` must get each call before the rules check
-        the call.
-        """
+        """Test whether a completed call is selected. The rules must check the call afterwards."""
         self._unsettled_frame = None
         frames = [seen.number for seen in call_observations(call)]
         if self._is_selected(call):
@@ -48,9 +43,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report the problems that were stored for a stray reply. `on_stray_reply` must get each stray
-        reply before the rules check the reply.
-        """
+        """Report the stored problems of a stray reply. The rules must check the reply afterwards."""
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)
 
@@ -61,9 +54,7 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the stored problems, then the problems in `at_end`. Mark a problem as selected if one of its
-        frames belongs to a completed call that is selected.
-        """
+        """Yield the stored problems, then the problems in `at_end`, marked as far as calls are complete."""
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 
     def _marked(self, occurrence: Occurrence) -> Occurrence:

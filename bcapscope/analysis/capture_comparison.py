@@ -20,14 +20,10 @@ FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of times or rates. A ratio below `NOTABLE_RATIO` can occur between two captures of
-the same program.
-"""
+"""Smallest notable ratio of times or rates. Two captures of the same program can have a smaller ratio."""
 
 NOTABLE_CYCLE = 1.1
-"""If one capture's median cycle time exceeds the other capture's by more than this factor, the difference is
-notable. A client should keep its cycle time constant, so even a small difference is notable.
-"""
+"""Smallest notable ratio of median cycle times. A client should keep its cycle time constant."""
 
 NOTABLE_MS = 0.2
 """Smallest notable difference of latencies, ms. The shortest timeout is 2 ms (DENSO Wave 2009)."""
@@ -56,15 +52,11 @@ class ComparedCapture:
 class Difference:
     """One figure that differs between two captures.
 
-    The figure describes a kind of call, a slave-mode session or all calls.
-
     Attributes:
-        subject: Kind of call to which the figure belongs, or number of the slave-mode session; None for all
-            calls.
-        figure: Name of the figure, such as `latency_ms.p50`. Figures in the JSON of ``stats`` have the same
-            names.
-        good: Value in the first capture: a number or a word; None if the capture has no such value.
-        bad: Value in the second capture, in the same form as `good`.
+        subject: Kind of call or number of the slave-mode session; None for all calls.
+        figure: Name of the figure, such as `latency_ms.p50`, as in the JSON of ``stats``.
+        good: Value in the first capture; None if the capture has no such value.
+        bad: Value in the second capture.
         notable: Whether the difference is too large for two captures of the same faultless program.
     """
 
@@ -92,8 +84,6 @@ class RuleDifference:
 
 
 class UnmatchedKind(NamedTuple):
-    """A kind of call that occurs in only one capture."""
-
     call_kind: CallKind
     call_count: int
 
@@ -103,11 +93,11 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ, sorted by `notable` (True first), then by `subject`. The order of
-            subjects is: slave-mode sessions, all calls together, kinds of call (longest total time first).
-        session_counts: Number of slave-mode sessions in each capture: first capture, second capture.
-        rules: Rules whose number of findings differs. Rules with more findings in the second capture come
-            first, in the order of ``diagnose``.
+        differences: Figures that differ: notable ones first, then by subject: slave-mode sessions, all calls
+            together, kinds of call (longest total time first).
+        session_counts: Number of slave-mode sessions in each capture.
+        rules: Rules whose number of findings differs: first those with more in the second capture, in the
+            order of ``diagnose``.
     """
 
     differences: tuple[Difference, ...]
@@ -125,11 +115,7 @@ class CaptureComparison:
 
 
 def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
-    """Compare the figures and findings of all clients in two captures.
-
-    The first slave-mode session of one capture is compared with the first session of the other capture, the
-    second with the second, and so on.
-    """
+    """Compare the figures and findings of two captures, and their slave-mode sessions in order of start."""
     kinds_good, kinds_bad = _by_kind(good.statistics), _by_kind(bad.statistics)
     differences = list(_session_differences(good, bad))
     if good.statistics is not None and bad.statistics is not None and len({*kinds_good, *kinds_bad}) > 1:
@@ -139,8 +125,8 @@ def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
             differences += _call_differences(kind, kinds_good[kind], figures)
     return CaptureComparison(
         tuple(sorted(differences, key=lambda each: not each.notable)),
-        tuple(_unmatched_kinds(kinds_good, kinds_bad)),
-        tuple(_unmatched_kinds(kinds_bad, kinds_good)),
+        _unmatched_kinds(kinds_good, kinds_bad),
+        _unmatched_kinds(kinds_bad, kinds_good),
         (len(good.slave_sessions), len(bad.slave_sessions)),
         tuple(_rule_differences(good.findings, bad.findings)),
     )
@@ -153,22 +139,17 @@ def _by_kind(statistics: Statistics | None) -> dict[CallKind, CallFigures]:
 
 def _unmatched_kinds(
     mine: dict[CallKind, CallFigures], other: dict[CallKind, CallFigures]
-) -> Iterator[UnmatchedKind]:
-    for kind, figures in mine.items():
-        if kind not in other:
-            yield UnmatchedKind(kind, figures.calls)
+) -> tuple[UnmatchedKind, ...]:
+    return tuple(UnmatchedKind(kind, mine[kind].calls) for kind in mine if kind not in other)
 
 
-# Each function below decides whether the difference of two values is notable. `counts` has the number of
-# calls or cycles from which each value was computed.
-
+# Decides whether the difference of two values is notable. The numbers are those of the calls or cycles from
+# which the values were computed.
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Return a function that tests whether two values differ by more than the factor `ratio` and by more than
-    `least`.
-    """
+    """Test whether two values differ by more than the factor `ratio` and by more than `least`."""
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
         if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST_SAMPLES:
@@ -184,9 +165,7 @@ def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether a random event, such as a loss, was notably more frequent in one capture. The counts of
-    random events have a Poisson distribution.
-    """
+    """Compare the shares of a random event, such as a loss, whose counts have a Poisson distribution."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -199,15 +178,12 @@ def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
     return good not in unseen and bad not in unseen
 
 
-def _always_notable(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+def _always_notable(*_: object) -> bool:
     return True
 
 
-def _never_notable(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+def _never_notable(*_: object) -> bool:
     return False
-
-
-# Calls.
 
 
 def _call_differences(kind: CallKind | None, good: CallFigures, bad: CallFigures) -> Iterator[Difference]:
@@ -240,23 +216,15 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # `not_followed_share` depends on a memory limit of bcapscope, so a difference in this share is never
-    # notable.
+    # `not_followed_share` depends on a memory limit of bcapscope.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures that are compared for each kind of call, but not for all calls together: figures of all calls
-depend on which kinds of call the client made.
-"""
+"""Figures not compared for all calls together, because they depend on which kinds of call were made."""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that are compared only if there are many calls. With few calls, `calls_per_s` and `line_time_share`
-depend on the length of the capture.
-"""
-
-
-# Slave-mode sessions.
+"""Figures that, with few calls, depend on the length of the capture."""
 
 
 def _session_differences(good: ComparedCapture, bad: ComparedCapture) -> Iterator[Difference]:
@@ -307,9 +275,6 @@ _SESSION_FIGURES: tuple[tuple[str, Callable[[SlaveSession], Value], _JudgeFigure
     ("unanswered_share", _per_set_point(lambda session: session.counts.unanswered), _judge_share),
     ("not_followed_share", _per_set_point(lambda session: session.counts.not_followed), _never_notable),
 )
-
-
-# Findings.
 
 
 def _rule_differences(good: Iterable[Finding], bad: Iterable[Finding]) -> list[RuleDifference]:

@@ -1,12 +1,10 @@
-"""State of each client, deduced from the calls that it has made so far. The state can explain why the
-controller refuses a call.
-"""
+"""State of each client, deduced from its calls, which can explain why the controller refuses a call."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from bcapscope.analysis.call_arguments import (
     gets_robslave,
@@ -27,24 +25,19 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Maximum number of handles that are remembered for each client. DENSO's C server (bcap_server.c) gives a
-client at most 1000 handles.
-"""
+"""Maximum number of handles per client. DENSO's C server (bcap_server.c) gives a client at most 1000."""
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of remembered clients whose conversation has ended. The slave mode of these clients may
-still be on.
-"""
+"""Maximum number of remembered clients whose conversation has ended; their slave mode may still be on."""
 
 SLOW_CALL_NS = 50_000_000
-"""A call with a longer latency (ns) is slow: the controller may still execute it during the next call."""
+"""If a call takes longer (ns), the controller may still execute it during the client's next call."""
 
 # Maximum size in bytes of a set point in `recent_set_points`. A real set point has a few hundred bytes.
 _LARGEST_POINT = 8192
 # Maximum size in bytes of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
-"""Maximum number of set points that are remembered, to explain a refused set point."""
 
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
@@ -65,8 +58,6 @@ MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
 
 
 class OpenedObject(NamedTuple):
-    """An object that the controller opened for a client."""
-
     object_class: ObjectClass
     name: str
 
@@ -75,33 +66,28 @@ class ClientState:
     """State of one client, deduced from its completed calls.
 
     Attributes:
-        longest_pause_ns: Longest pause in ns between two calls of the client. Pauses between set points do
-            not count.
+        longest_pause_ns: Longest pause in ns between two calls, without the pauses between set points.
         service_start: The Service_Start call of the current session; None if this call was not captured.
         failed_start: Service_Start call that the controller refused, or probably ignored because of serial 0;
             None while a session is open.
         session_end: The Service_Stop or Controller_Disconnect call that ended, or may have ended, the
             session; None while the session is open.
-        latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not.
-            The keys are commands in lower case. A write to @SERVO_ON counts as the command `motor`. A
-            Task_Start of RobSlave counts as the command `robslave`.
+        latest_calls: Latest call of this session, successful or not, for each `equivalent_command` in
+            `_FOLLOWED_COMMANDS` and for `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
-            object, but got no successful reply. When a later call opens an object, the class of this object
-            is removed from `failed_openings`.
+            object, but got no successful reply; no entry after a later call opened an object of this class.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
-        robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
-            controller refused.
+        robslave_not_found: The first refused Controller_GetTask call for the task RobSlave.
         mode_value: Number of the slave mode, as in slvChangeMode; 0 while slave mode is off, None if unknown.
         uncleared_error: The first call that reported a controller error after the client last cleared errors.
         latest_error: The latest call that reported a controller error, even if the error was cleared.
         error_was_read: Whether the client has read the details of an error after the call `uncleared_error`.
-        slow_call: Latest call that got no reply, or whose latency exceeds `SLOW_CALL_NS`; evicted calls do
-            not count.
+        slow_call: Latest call, not evicted, that got no reply or took longer than `SLOW_CALL_NS`.
         may_be_answered: Whether a captured stray reply may answer one of the client's evicted calls.
         opened_objects: For each handle, the object for which the controller last gave this handle.
-        released_by: The latest call that released each handle; the key is the object class and the handle.
+        released_by: The latest call that released each handle.
         target_object: Object to which the handle of the current call refers; None if unknown.
-        recent_set_points: Latest set points of the current slave-mode session, at most `RECENT_SET_POINTS`.
+        recent_set_points: Latest set points of the current slave-mode session.
         silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
@@ -152,7 +138,6 @@ class ClientState:
 
     @property
     def session_start_seen(self) -> bool:
-        """Whether the capture contains the Service_Start call of the client's current session."""
         return self.service_start is not None
 
     @property
@@ -162,9 +147,7 @@ class ClientState:
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """Slave mode of the client; None while slave mode is off. If the controller's generation is unknown,
-        the mode has the meaning that it has on an RC8.
-        """
+        """None while slave mode is off. An unknown generation counts as RC8."""
         generation = self.generation or Generation.RC8
         return slave_mode_by_number(self.mode_value, generation) if self.mode_value else None
 
@@ -173,9 +156,7 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared errors in the period from the request of `error` to `before`
-        (ns since 1970).
-        """
+        """Return whether another client cleared errors between `error` and `before` (ns since 1970)."""
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)
@@ -237,8 +218,8 @@ class ClientState:
             self.failed_openings[creates] = call
 
     def equivalent_command(self, call: Call) -> str:
-        """Return the command of a call in lower case. Return `motor` for a write to @SERVO_ON, `robslave` for
-        a Task_Start of RobSlave, and "" for any other call without a command.
+        """Return the command of a call in lower case; `motor` for a write to @SERVO_ON, `robslave` for a
+        Task_Start of RobSlave, and "" for any other call.
         """
         function_id, command = call.kind
         if command is not None:
@@ -250,7 +231,6 @@ class ClientState:
         return "motor" if switches_motor else ""
 
     def _variable_read(self, call: Call) -> str:
-        """Return the name, in lower case, of the variable that a call reads; "" for any other call."""
         if call.kind.function_id != ID["Variable_GetValue"] or self.target_object is None:
             return ""
         return self.target_object.name.casefold()
@@ -320,11 +300,15 @@ class ClientState:
         handle, target = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
             opened = OpenedObject(function.creates, requested_name(call, function))
-            _put_bounded(self.opened_objects, handle, opened)
+            if len(self.opened_objects) >= MAX_HANDLES:
+                del self.opened_objects[next(iter(self.opened_objects))]
+            self.opened_objects[handle] = opened
             self.released_by.pop((function.creates, handle), None)
             self.failed_openings.pop(function.creates, None)
         elif function.releases is not None and target is not None:
-            _put_bounded(self.released_by, (target.kind, target.handle), call)
+            if len(self.released_by) >= MAX_HANDLES:
+                del self.released_by[next(iter(self.released_by))]
+            self.released_by[target.kind, target.handle] = call
 
     def _on_failure(self, call: Call, code: int) -> None:
         if self.robslave_not_found is None and gets_robslave(call):
@@ -352,18 +336,8 @@ def _may_have_succeeded(call: Call) -> bool:
     return call.evicted if call.reply is None else not is_failure(call.reply.item.code)
 
 
-_Key = TypeVar("_Key")
-_Value = TypeVar("_Value")
-
-
-def _put_bounded(table: dict[_Key, _Value], key: _Key, value: _Value) -> None:
-    if len(table) >= MAX_HANDLES:
-        del table[next(iter(table))]
-    table[key] = value
-
-
 class ClientRegistry:
-    """Holds the `ClientState` of each remembered client, with the conversation as the key."""
+    """Holds the `ClientState` of each remembered client."""
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
         """Create an empty registry. `on_drop` receives each client that is dropped when memory is full."""
@@ -376,7 +350,6 @@ class ClientRegistry:
         return iter(self._by_conversation.values())
 
     def client_of(self, call: Call) -> ClientState:
-        """Return the state of the client that made a call, or create it."""
         client = self._by_conversation.get(call.conversation)
         if client is None:
             self.clients_seen += 1

@@ -32,9 +32,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum size of the dictionary `Diagnosis._handlers_by_kind`. If the dictionary is full, `Diagnosis`
-empties the dictionary.
-"""
+"""Maximum number of kinds of call whose checkers are cached. A full cache is emptied."""
 
 MAX_FLOWS = 65536
 """Maximum number of flows in the set of known flows. A full set is emptied."""
@@ -45,8 +43,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
-    return the same results as if the traffic ended now.
+    At any time, `findings`, `totals` and `remaining_sessions` return the same results as if the traffic ended
+    now, and change nothing.
     """
 
     needs_targets = True
@@ -59,12 +57,10 @@ class Diagnosis(PipelineSubscriber):
         """Create a diagnosis.
 
         Args:
-            is_selected: Function that returns whether a call is selected; None to select all calls. The rules
-                check all calls. The rules report only the findings about selected calls, and the causes of
-                these findings.
-            on_slave_session: Function that receives each complete slave-mode session. If `is_selected` is
-                given, `on_slave_session` receives only sessions with selected set points. The method
-                `remaining_sessions` returns the incomplete sessions.
+            is_selected: Function that selects calls; None to select all calls. The rules check all calls, but
+                report only the findings about selected calls, and the causes of these findings.
+            on_slave_session: Function that receives each complete slave-mode session, with `is_selected` only
+                the sessions with selected set points. `remaining_sessions` returns the incomplete sessions.
         """
         self._collector = FindingCollector()
         self._report_occurrence = self._collector.add_occurrence
@@ -79,15 +75,8 @@ class Diagnosis(PipelineSubscriber):
                 self._selected_sessions = SelectedSlaveSessions(is_selected, on_slave_session)
         self._clients = ClientRegistry(self._drop_client)
         self._session_detector = SlaveSessionDetector()
-        checkers = self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
-        self._call_checkers = [each for each in checkers if type(each).on_call is not RuleChecker.on_call]
-        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
-        self._suspect_frame_handlers = overriding_methods(checkers, RuleChecker.on_suspect_frame)
-        self._stray_reply_handlers = overriding_methods(checkers, RuleChecker.on_stray_reply)
-        self._new_flow_handlers = overriding_methods(checkers, RuleChecker.on_new_flow)
-        self._session_handlers = overriding_methods(checkers, RuleChecker.session_occurrences)
-        self._end_handlers = overriding_methods(checkers, RuleChecker.end_occurrences)
-        self._closed_handlers = overriding_methods(checkers, RuleChecker.on_conversation_closed)
+        self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
+        self._suspect_frame_handlers = overriding_methods(self._checkers, RuleChecker.on_suspect_frame)
         self._dropped_calls = self._not_followed = 0
         self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
         self._flows: set[Flow] = set()
@@ -125,16 +114,12 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Process set points. A checker gets the set points only if its `needs_every_set_point` is True."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:
                 self._selection.on_call(call)
         if self._selected_sessions is not None:
             self._selected_sessions.on_set_points(calls)
-        for check in self._set_point_handlers:
-            for call in calls:
-                check(call, client)
         client.on_set_points(calls)
         sessions = self._session_detector.add_set_points(calls)
         if sessions:
@@ -144,16 +129,14 @@ class Diagnosis(PipelineSubscriber):
         if self._selection is not None:
             self._selection.on_stray_reply(stray)
         self._check_frame(stray.observation)
-        for check in self._stray_reply_handlers:
-            check(stray)
+        for checker in self._checkers:
+            checker.on_stray_reply(stray)
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a small frame with problems to the checkers. `on_frame` has already passed each large frame to
-        the checkers.
-        """
+        """Pass a small frame with problems to the checkers. `on_frame` has already passed large frames."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -169,14 +152,14 @@ class Diagnosis(PipelineSubscriber):
                 self._on_slave_session(session)
 
     def _session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
-        return chain.from_iterable(check(session) for check in self._session_handlers)
+        return chain.from_iterable(each.session_occurrences(session) for each in self._checkers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
-        for close in self._closed_handlers:
-            close(conversation)
+        for checker in self._checkers:
+            checker.on_conversation_closed(conversation)
 
     def findings(self, ended_at: int = 0, clients_present: bool = False) -> tuple[Finding, ...]:
         """Return all findings, root cause first.
@@ -207,9 +190,7 @@ class Diagnosis(PipelineSubscriber):
         return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return the findings that were added after the previous call of `new_findings`. The returned
-        findings have no links to their causes.
-        """
+        """Return the findings since the previous call of `new_findings`, without links to their causes."""
         return self._collector.new_findings()
 
     def _end_time(self, ended_at: int = 0) -> int:
@@ -226,7 +207,7 @@ class Diagnosis(PipelineSubscriber):
             yield from self._client_occurrences(ClientEnd(client, ended_at, clients_present, silent))
 
     def _client_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
-        return chain.from_iterable(check(end) for check in self._end_handlers)
+        return chain.from_iterable(each.end_occurrences(end) for each in self._checkers)
 
     def _on_new_flow(self, observation: Observation) -> None:
         if self._first is None:
@@ -234,15 +215,14 @@ class Diagnosis(PipelineSubscriber):
         if len(self._flows) >= MAX_FLOWS:
             self._flows.clear()
         self._flows.add(observation.flow)
-        for check in self._new_flow_handlers:
-            check(observation)
+        for checker in self._checkers:
+            checker.on_new_flow(observation)
 
     def _handlers_for(self, key: tuple[CallKind, CallHealth]) -> tuple[_CallHandler, ...]:
         if len(self._handlers_by_kind) >= MAX_CALL_KINDS:
             self._handlers_by_kind.clear()
-        handlers = self._handlers_by_kind[key] = tuple(
-            each.on_call for each in self._call_checkers if each.wants_call(*key)
-        )
+        handlers = tuple(each.on_call for each in self._checkers if each.wants_call(*key))
+        self._handlers_by_kind[key] = handlers
         return handlers
 
     def _drop_client(self, client: ClientState) -> None:

@@ -111,9 +111,7 @@ class TrafficTotals(NamedTuple):
 
     @property
     def has_only_client(self) -> bool:
-        """Whether the traffic has at most one client. With only one client, the sentences of findings need
-        not name the client.
-        """
+        """Whether there is at most one client, which the sentences of findings then need not name."""
         return self.clients <= 1
 
 

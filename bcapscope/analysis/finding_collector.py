@@ -10,28 +10,22 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. If a rule already has `MAX_FINDINGS` findings, a problem with a new
-`group_key` is added to the rule's first finding.
-"""
+"""Maximum number of findings of one rule. Further problems are added to the rule's first finding."""
 
 MAX_CALLS = 256
-"""Maximum number of calls whose problems the collector can look up by call number. To add another call, the
-collector drops the oldest call.
-"""
+"""Maximum number of calls whose problems the collector can look up by call number: the latest ones."""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames that a finding lists for one occurrence of its problem."""
 
 INJECTED = "injected-fault"
-"""Id of a rule. A finding of this rule is the cause of all other findings about the same call."""
+"""Id of the rule whose findings are the cause of all other findings about the same call."""
 
 _MAX_NAMED_STEPS = 3
 """Maximum number of consequences that the text of one root cause names."""
 
 
 class FindingCollector:
-    """Collects the problems that rules report, in any order, and makes findings from them."""
-
     def __init__(self) -> None:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
         self._by_rule: dict[str, list[FindingGroup]] = {}
@@ -42,14 +36,10 @@ class FindingCollector:
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add a reported problem and link the problem to its cause. A problem with `is_update` replaces the
-        earlier problem of the same rule and call.
-        """
         if occurrence.is_update:
             self._update(occurrence)
             return
-        rule = occurrence.rule
-        group = self._groups.get((rule.id, occurrence.selected, occurrence.group_key))
+        group = self._groups.get((occurrence.rule_id, occurrence.selected, occurrence.group_key))
         group = group or self._open_group(occurrence)
         group.add(occurrence)
         if occurrence.call:
@@ -93,8 +83,8 @@ class FindingCollector:
         `findings` searches for all causes again, because a better cause may have been reported later.
         """
         known = self._causes.pop(occurrence, None)
-        injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
-        if injected and occurrence.rule.id != INJECTED:
+        injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule_id == INJECTED]
+        if injected and occurrence.rule_id != INJECTED:
             self._set_cause(occurrence, injected[0])
             return
         likely = occurrence.rule.possible_causes
@@ -102,7 +92,7 @@ class FindingCollector:
             each
             for number in occurrence.explaining_calls
             for each in self._by_call.get(number, ())
-            if each.rule.severity is not Severity.NOTE or each.rule.id in likely
+            if each.rule.severity is not Severity.NOTE or each.rule_id in likely
         ]
         cause = self._certain_cause(occurrence) or self._best_cause(named, occurrence)
         if cause is None:
@@ -122,9 +112,8 @@ class FindingCollector:
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause of `effect`. If several candidates began at the
-        same time, return the likeliest. A candidate that began after the effect, or that is a consequence of
-        the effect, cannot be its cause.
+        """Return the latest candidate, of several the likeliest, that can be the cause of `effect`. A
+        candidate that began after the effect, or that is its consequence, cannot be the cause.
         """
         best, best_key = None, (0, 0)
         # Check the latest candidates first, so that `_leads_to` is not called for candidates that began
@@ -132,7 +121,7 @@ class FindingCollector:
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
-            key = each.began, -_cause_rank(each.rule.id, effect.rule.possible_causes)
+            key = each.began, -_cause_rank(each.rule_id, effect.rule.possible_causes)
             if (best is None or key >= best_key) and not self._leads_to(each, effect):
                 best, best_key = each, key
         return best
@@ -146,14 +135,14 @@ class FindingCollector:
         return False
 
     def _group_of(self, occurrence: Occurrence) -> FindingGroup:
-        known = self._groups.get((occurrence.rule.id, occurrence.selected, occurrence.group_key))
+        known = self._groups.get((occurrence.rule_id, occurrence.selected, occurrence.group_key))
         return known or next(
-            group for group in self._by_rule[occurrence.rule.id] if group.selected is occurrence.selected
+            group for group in self._by_rule[occurrence.rule_id] if group.selected is occurrence.selected
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
-        """Yield each problem that a rule in `possible_causes` reported recently or for `occurrence.call`. A
-        recent problem ended at most `cause_within_ns` before `occurrence`, on the same controller.
+        """Yield each problem of a rule in `possible_causes` that concerns the same call, or that concerns the
+        same controller and ended at most `cause_within_ns` before.
         """
         earliest = occurrence.began - occurrence.rule.cause_within_ns
         host = occurrence.conversation.server.host
@@ -165,9 +154,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each `FindingGroup` that is new and concerns selected calls. The returned
-        findings have no links to their causes.
-        """
+        """Return the new findings about selected calls, without links to their causes."""
         new, self._new_groups = self._new_groups, []
         return tuple(
             _finding(group, group.first, group.first.frames[:MAX_FRAMES_NAMED])
@@ -178,16 +165,12 @@ class FindingCollector:
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
         """Return the findings about selected calls, and the causes of these findings.
 
-        Each root cause is followed by its consequences. Root causes of the same client are listed together.
-        The client with the gravest root cause comes first. Among the root causes of one client, the gravest
-        comes first. Problems that stopped the robot are graver than problems that kept the robot from moving.
-        Problems without an effect on the robot are the least grave. Root causes with the same effect on the
-        robot are sorted by severity, then by time. A root cause is sorted by the worst effect and severity
-        among the root cause and its consequences.
+        Each root cause is followed by its consequences. Root causes are sorted by their worst `RobotImpact`,
+        then by their worst severity, consequences included, then by time. Root causes of the same client are
+        listed together: first the client with the gravest root cause.
 
         Args:
-            provisional: Further problems that the returned findings include, but that are not added to the
-                collector.
+            provisional: Further problems that are not added to the collector.
         """
         snapshot = self._copy()
         for occurrence in provisional:
@@ -209,19 +192,14 @@ class FindingCollector:
         for group in groups:
             for occurrence in group:
                 self._link_cause(occurrence)
-        self._choose_shown(groups)
-        order = FindingOrder(groups, self._causes)
-        return tuple(_ordered_finding(group, order) for group in order.groups)
-
-    def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes. Prefer occurrences with consequences, then the
-        gravest impact on the robot, then the earliest time.
-        """
+        # Prefer occurrences with consequences, then the gravest impact on the robot, then the earliest time.
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(
                 group, key=lambda each: (each not in followed, each.impact, each.began, each.completed)
             )
+        order = FindingOrder(groups, self._causes)
+        return tuple(_ordered_finding(group, order) for group in order.groups)
 
 
 def _append_bounded(by_call: dict[int, list[Occurrence]], number: int, occurrence: Occurrence) -> None:
@@ -264,9 +242,7 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return a copy of `finding` that names the first few consequences. If the copy of `finding` does not
-    name all consequences, set `followed_by` in the copy.
-    """
+    """Return a copy of `finding` that names the first few consequences, and refers to any others."""
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):

@@ -18,8 +18,7 @@ class FindingGroup:
 
     Attributes:
         selected: False if the finding is reported only as the cause of a finding about selected calls.
-        shown: Occurrence that the text of the finding describes. `FindingCollector.findings` sets `shown` on
-            its copies of the groups.
+        shown: Occurrence that the finding describes; set only in the copies that `FindingCollector` makes.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -41,9 +40,7 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Store `update` in place of the occurrence with the same call number. Return the replaced
-        occurrence. If no occurrence in the group has the same call number as `update`, return None.
-        """
+        """Replace and return the occurrence that has the same call number as `update`, if there is one."""
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -102,7 +99,6 @@ class FindingOrder:
         return None if parent is None else self.number(parent)
 
     def with_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield a group and all its direct and indirect consequences."""
         yield group
         for child in self._children.get(group, ()):
             yield from self.with_consequences(child)
@@ -141,9 +137,7 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to its parent. The parent of a group is the group that contains the cause of
-    `group.shown`. Leave out a parent that would close a cycle of causes.
-    """
+    """Map each group to the group with the cause of `group.shown`, unless this would close a cycle."""
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):

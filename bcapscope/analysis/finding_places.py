@@ -15,12 +15,11 @@ def client_place(conversation: Conversation) -> ClientPlace:
 
 
 def call_place(call: Call) -> CallPlace:
-    """Return a value that a message shows as `slvMove 250`: the command or function, and the first serial."""
+    """A message shows this value as `slvMove 250`: the command or function, and the first serial."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 
 def call_places(call: Call) -> dict[str, PlaceValue]:
-    """Return the values of the placeholders `at`, `call` and `client` for a message about a call."""
     return {
         "at": Moment(call.request.time),
         "call": call_place(call),

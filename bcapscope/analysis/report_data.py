@@ -31,7 +31,6 @@ from bcapscope.traffic.observation import Conversation, Flow, Observation
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_TIMELINES = 256
-"""Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
 """Maximum number of clients that are counted, but have no timeline."""
@@ -54,9 +53,9 @@ class DamagedFrame(NamedTuple):
     """A frame with problems, bytes that are not a frame, or a gap in the capture of a TCP connection.
 
     Attributes:
-        time: Time when the damaged frame was captured, ns since 1970.
-        raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame; empty for a gap.
-        missing_bytes: Size of a gap in bytes; 0 for a frame or for bytes that are not a frame.
+        time: Capture time, ns since 1970.
+        raw: The first `MAX_DAMAGED_BYTES` bytes; empty for a gap.
+        missing_bytes: Size of a gap; otherwise 0.
     """
 
     frame: int
@@ -70,8 +69,6 @@ class DamagedFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ClientTimeline:
-    """One client over time."""
-
     conversation: Conversation
     calls: int
     activity: tuple[TimelineEvent, ...]
@@ -86,8 +83,7 @@ class ReportData:
         start: Time of the first frame, ns since 1970.
         end: Time of the last frame, ns since 1970.
         timelines: Timelines of the clients; the client with the most calls comes first.
-        slave_sessions_left_off: Number of slave-mode sessions that were counted but not kept, because there
-            were more than `MAX_SESSIONS`.
+        slave_sessions_left_off: Number of slave-mode sessions beyond `MAX_SESSIONS`.
         verdicts: Number of calls for each verdict except *answered* and *refused*.
         retry_chains: The calls with the most retries, in chronological order.
     """
@@ -113,12 +109,10 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 
 
 class ReportDataBuilder(PipelineSubscriber):
-    """Gathers the data for a report. The caller must subscribe two objects to the pipeline: first
-    `diagnosis`, then the builder.
-    """
+    """Gathers the data for a report. Subscribe to the pipeline first its `diagnosis`, then the builder."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create an empty builder. The report covers the damaged frames of all calls, selected or not."""
+        """The report covers the damaged frames of all calls, selected or not."""
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)
         self._statistics = StatisticsBuilder()
@@ -158,12 +152,7 @@ class ReportDataBuilder(PipelineSubscriber):
         self._check_frame(stray.observation)
 
     def report_data(self, ended_at: int = 0) -> ReportData | None:
-        """Return the data gathered so far; None if no frame was captured.
-
-        Args:
-            ended_at: Time in ns since 1970. The traffic ended at `ended_at` or at the last frame, whichever
-                is later.
-        """
+        """Return the data so far; None if no frame was captured. For `ended_at`, see `Diagnosis.findings`."""
         if self._start is None:
             return None
         sessions = [*self._slave_sessions, *self.diagnosis.remaining_sessions(ended_at)]
@@ -264,9 +253,7 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return the events of a call for the timeline: the gravest event about its attempts, and the event about
-    its result.
-    """
+    """Return the gravest event about the attempts of a call, and the event about its result."""
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

@@ -1,6 +1,4 @@
-"""Events on a timeline. A long capture has more events than a picture can show, so neighbouring events are
-joined.
-"""
+"""Events on a timeline. Neighbouring events of a long capture are joined, to fit into a picture."""
 
 from __future__ import annotations
 
@@ -11,9 +9,7 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""Shortest pause in ns that ends a period of activity. bcapscope joins neighbouring periods of a client's
-activity until at most `MAX_ACTIVITY_PERIODS` remain.
-"""
+"""Shortest pause in ns that ends a period of activity."""
 
 MAX_ACTIVITY_PERIODS = 512
 
@@ -38,10 +34,9 @@ class TimelineEvent(NamedTuple):
     """An event on a timeline, or several neighbouring events joined into one.
 
     Attributes:
-        begin: Start of the event, or of the first of several joined events, ns since 1970.
-        end: End of the event, or of the last of several joined events, ns since 1970.
-        call_kind: Kind of the first call that the event concerns; None if the event concerns no call, or is a
-            period of activity.
+        begin: Start of the first event, ns since 1970.
+        end: End of the last event, ns since 1970.
+        call_kind: Kind of the first call that the event concerns; None for a period of activity.
     """
 
     begin: int
@@ -53,14 +48,12 @@ class TimelineEvent(NamedTuple):
 
 
 class TimelineEventList:
-    """Collects events in roughly chronological order. If there are too many events, neighbouring events are
-    joined.
+    """Collects events in roughly chronological order.
+
+    Events less than `pause` ns apart are joined. If more than `most` remain, the list increases `pause`.
     """
 
     def __init__(self, most: int, pause: int = 0) -> None:
-        """Create an empty list. The list joins events that are less than `pause` ns apart. If the list has
-        more than `most` events, the list increases `pause` and joins its events again.
-        """
         self._most = most
         self._pause = pause
         self._events: list[TimelineEvent] = []

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.finding_collector import MAX_FINDINGS, FindingCollector
 from bcapscope.analysis.finding_order import MAX_KEPT
@@ -17,8 +19,17 @@ HERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Tra
 ELSEWHERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.9", 5007), Transport.UDP, SERVER_PORT)
 
 
+RULES: dict[str, DiagnosisRule] = {}
+
+
 def rule(name: str, *follows: str, severity: Severity = Severity.ERROR) -> DiagnosisRule:
-    return DiagnosisRule(name, severity, "a paper", follows)
+    RULES[name] = DiagnosisRule(name, severity, "a paper", follows)
+    return RULES[name]
+
+
+@pytest.fixture(autouse=True)
+def rules_of_this_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bcapscope.analysis.rules.rule_checker.RULES", RULES)
 
 
 SPARK, FIRE, SMOKE = rule("spark"), rule("fire", "spark"), rule("smoke", "fire", "spark")
@@ -36,7 +47,7 @@ def happen(
     """Make an occurrence that began `at` seconds from the beginning and was over at once."""
     time = round(at * SECOND)
     return Occurrence(
-        what,
+        what.id,
         time,
         time,
         conversation,

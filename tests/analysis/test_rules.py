@@ -68,16 +68,22 @@ def test_there_are_many_rules_each_with_a_name_of_its_own() -> None:
     assert [row["id"] for row in table_rows("rules", os.path.dirname(rules.__file__))] == list(RULES)
 
 
+_FUNCTIONS_WITH_A_RULE = (
+    *("report_call", "_report_with_place", "_report_frame", "_off_pace"),
+    *("Refusal", "Occurrence"),
+)
+"""The first argument of each of these functions is a rule."""
+
+
 def _named_rules(module: Path) -> Iterator[str]:
     """Yield each rule that a module names where it reports a problem or describes a refusal."""
     for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
-        named: ast.expr | None = None
-        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == "RULES":
-            named = node.slice
-        elif isinstance(node, ast.Call) and node.args:
-            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            named = node.args[0] if name in ("report_call", "_report_frame", "_off_pace", "Refusal") else None
-        for each in ast.walk(named) if named is not None else ():
+        if not isinstance(node, ast.Call) or not node.args:
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name not in _FUNCTIONS_WITH_A_RULE:
+            continue
+        for each in ast.walk(node.args[0]):
             if isinstance(each, ast.Constant) and isinstance(each.value, str):
                 yield each.value
 

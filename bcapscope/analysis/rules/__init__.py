@@ -1,6 +1,4 @@
-"""The rules of `diagnose`. `rules.tsv` holds the data of all rules. Most modules of this package define a
-checker, which is a class that applies some of the rules.
-"""
+"""The rules of `diagnose`: their data in `rules.tsv`, and the checkers that apply them."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # ProxyChecker is first: its findings can cause findings of the other checkers
+    ProxyChecker,  # first, because its findings can cause findings of the other checkers
     WireChecker,
     ConnectionChecker,
     ReplyChecker,
@@ -42,4 +40,4 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     PollingChecker,
     MotionChecker,
 )
-"""All checkers. Each call is passed to the checkers in this order."""
+"""All checkers, in the order in which they get each call."""

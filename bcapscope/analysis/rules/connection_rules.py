@@ -14,7 +14,6 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Duration, Moment
 from bcapscope.protocol.tables.function_table import ID
@@ -23,8 +22,6 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 
 
 class ConnectionChecker(RuleChecker):
-    """Checks whether the client or the controller closed a TCP connection."""
-
     by_client: dict[Conversation, bool]
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
@@ -40,14 +37,12 @@ class ConnectionChecker(RuleChecker):
 
 
 def _closing_occurrences(client: ClientState) -> Iterator[Occurrence]:
-    closing = client.controller_closing
-    stopped = client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]
-    if stopped:
+    if client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]:
         return
-    by_proxy = client.conversation.connection_end
+    closing, by_proxy = client.controller_closing, client.conversation.connection_end
     if closing is not None:
         yield _hung_up(client.last_call, closing)
-    elif by_proxy is not None and by_proxy.by is Direction.RESPONSE:
+    elif by_proxy is not None and by_proxy.by is Direction.RESPONSE:  # the controller's connection was open
         yield _hung_up_by_proxy(client.last_call, by_proxy)
 
 
@@ -69,7 +64,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
         proxy = str(last.conversation.server)
         fact = Message(f"finding.controller-hung-up.proxy-{_how(passed_on)}", fact=fact, proxy=proxy)
     return Occurrence(
-        RULES["controller-hung-up"],
+        "controller-hung-up",
         closing.time,
         closing.time,
         last.conversation,
@@ -82,7 +77,6 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Return the problem: a proxy closed a client's connection, but the controller's connection was open."""
     near = last.conversation
     server = str((near.controller_leg or near).server)
     fact = Message(
@@ -95,7 +89,7 @@ def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
         call=call_place(last),
     )
     return Occurrence(
-        RULES["controller-hung-up"],
+        "controller-hung-up",
         closing.time,
         closing.time,
         near,

@@ -1,9 +1,6 @@
-"""Report errors from the controller's error list as causes of earlier refusals.
+"""Report errors from the controller's error list as causes of earlier refusals that name no cause.
 
-Some refusals name no cause. For example, the code 84201486 says only that the controller abandoned set points
-because of an earlier error. The controller's error list can contain the code of the error that caused a
-refusal. `ErrorListChecker` finds the error that explains a refusal, and reports this error under the rule for
-the error's code.
+For example, the code 84201486 says only that the controller abandoned set points because of an earlier error.
 """
 
 from __future__ import annotations
@@ -23,7 +20,6 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Moment
 from bcapscope.protocol.tables.function_table import ID
@@ -43,10 +39,7 @@ _LASTING = (
     *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
     "manual-reset-missing",
 )
-"""Rules about problems that ClearError does not end. ClearError ends every error that belongs to a rule
-outside `_LASTING`. `ErrorListChecker` explains a refusal with a code in `ACTIVE_CODES` only by an error whose
-rule is in `_LASTING`.
-"""
+"""Rules about problems that ClearError does not end. Only these problems explain `ACTIVE_CODES`."""
 
 _MAX_CONTROLLERS = 256
 _MAX_CLIENTS = 32
@@ -58,8 +51,6 @@ _LARGEST_CALL = 8192
 
 
 class _ErrorRead(NamedTuple):
-    """An error code that a client read, and the call that returned this code."""
-
     code: int
     call: Call
 
@@ -84,9 +75,7 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: str, code: int) -> bool:
-        """Return whether the error `code` may explain the client's first refused call. `rule` is the id of
-        the rule that reports this error.
-        """
+        """Return whether the error `code` of the rule `rule` may explain the client's first refused call."""
         is_notice = not describe_hresult(code).level and rule == "controller-error"
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
@@ -105,8 +94,8 @@ class _ControllerErrors:
 class ErrorListChecker(RuleChecker):
     """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    The checker may get calls of different clients in any order. Therefore the checker remembers the
-    latest errors that clients read, and compares these errors with each later refusal.
+    The calls of different clients may come in any order. Therefore the checker also compares the latest
+    errors that clients read with each later refusal.
     """
 
     def set_up(self) -> None:
@@ -157,9 +146,8 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report the error `read.code` if this error explains the first refusal in `refused`. The error list
-        begins with the newest error. Below the code of a refusal, the error list has only errors that
-        occurred before the refusal.
+        """Report the error `read.code` if it explains the first refusal. The error list begins with the
+        newest error, so the codes below the refusal's own code are older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -187,7 +175,7 @@ class ErrorListChecker(RuleChecker):
         )
         self.report_occurrence(
             Occurrence(
-                rule=RULES[rule],
+                rule_id=rule,
                 began=refused.began,
                 completed=refused.began + 1,
                 conversation=first.conversation,
@@ -203,7 +191,6 @@ class ErrorListChecker(RuleChecker):
 
 
 def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
-    """Return the error that a call read; None if there is no error, or if the call reads something else."""
     if call.kind.folded_command != "getcurerrorinfo":
         name = "" if client.target_object is None else client.target_object.name
         if name.casefold() != "@error_code":
@@ -216,6 +203,5 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
 
 
 def _rule_of(code: int) -> str:
-    """Return the id of the rule that reports an error code; "controller-error" if no other rule does."""
     rules = (each.rule for each in REFUSALS if code in each.codes)
     return next((rule for rule in rules if rule != "arm-taken-by-other"), "controller-error")

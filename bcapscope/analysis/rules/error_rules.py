@@ -1,6 +1,4 @@
-"""Rules about errors that a client does not clear, and about errors that it clears before it has read them.
-This module also has the rule for all errors without a rule of their own.
-"""
+"""Rules about errors that a client does not clear or does not read, and about errors without another rule."""
 
 from __future__ import annotations
 
@@ -21,7 +19,6 @@ from bcapscope.analysis.rules.rule_checker import (
     last_frame_time,
     reason_from_call,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, HexNumber, Moment
@@ -46,10 +43,9 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """The calls that a client makes after a controller error and before the client clears the error.
+    """The calls that can change or move something, after a controller error that is not yet cleared.
 
     Attributes:
-        count: Number of calls after the error; only calls that can change or move something count.
         clear_attempt: The first ClearError call that got no successful reply.
     """
 
@@ -61,8 +57,6 @@ class _CallsAfterError:
 
 
 class ErrorChecker(RuleChecker):
-    """Checks what a client does after the controller reported an error."""
-
     by_client: dict[Conversation, _CallsAfterError]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -81,7 +75,7 @@ class ErrorChecker(RuleChecker):
         clears = call.kind.folded_command == "clearerror"
         if clears and call.reply is not None and not is_failure(call.reply.item.code):
             self.by_client.pop(call.conversation, None)
-            if not client.error_was_read and not self._was_read_by_other(client):
+            if not any(each.error_was_read for each in (client, *client.other_clients())):
                 self._report_unread(call, failure)
             return
         calls = self.by_client.get(call.conversation)
@@ -100,9 +94,6 @@ class ErrorChecker(RuleChecker):
             return
         if not end.client.cleared_by_other(failure, first.request.time):
             yield _went_on(calls, first)
-
-    def _was_read_by_other(self, client: ClientState) -> bool:
-        return any(other.error_was_read for other in client.other_clients())
 
     def _report_unread(self, call: Call, failure: Call) -> None:
         fact = Message(
@@ -130,32 +121,33 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
         case, places["clear"] = ".unanswered", call_place(clear)
     if clear is not None and clear.hresult is not None:
         case, places["code"] = ".refused", HexNumber(clear.hresult)
-    rule, began, ended = RULES["went-on-after-error"], first.request.time, last_frame_time(first)
-    fact, frames = Message(f"finding.went-on-after-error{case}", **places), frame_numbers(failure, first)
-    causes = (failure.number,)
     return Occurrence(
-        rule, began, ended, first.conversation, frames, fact, call=first.number, explaining_calls=causes
+        "went-on-after-error",
+        first.request.time,
+        last_frame_time(first),
+        first.conversation,
+        frame_numbers(failure, first),
+        Message(f"finding.went-on-after-error{case}", **places),
+        call=first.number,
+        explaining_calls=(failure.number,),
     )
 
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
-    """Return whether a call only stops, switches off or releases something."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name
     switches_motor = call.kind.folded_command == "motor" or target.casefold() == SERVO_ON.casefold()
     if switches_motor and requested_motor_state(call) is False:
         return True
-    return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
+    return always_passes(call.kind.function_id, call.request.item.variants)
 
 
 def _explain_not_cleared(call: Call, client: ClientState) -> RefusalReason | None:
     failure = client.uncleared_error
     if failure is None:
-        first = [
-            other.uncleared_error for other in client.other_clients() if other.uncleared_error is not None
-        ]
-        return RefusalReason(explaining_calls=tuple(each.number for each in first))
+        errors = (other.uncleared_error for other in client.other_clients())
+        return RefusalReason(explaining_calls=tuple(each.number for each in errors if each is not None))
     clear = client.latest_calls.get("clearerror")
     if clear is None or clear.number < failure.number:
         return reason_from_call("reason.not-cleared", failure)

@@ -1,6 +1,4 @@
-"""Rules about set points beyond the limits of an axis, and about first set points that are far from the
-robot's position.
-"""
+"""Rules about set points beyond an axis's limits, and about first set points far from the robot."""
 
 from __future__ import annotations
 
@@ -12,7 +10,6 @@ from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import NO_REASON, Occurrence, Refusal, RefusalReason, RuleChecker
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
@@ -39,8 +36,6 @@ _FAR_DISTANCE = 1.0
 
 
 class LimitChecker(RuleChecker):
-    """Checks the commanded motion."""
-
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         motion = session.motion
         if motion is None:
@@ -67,7 +62,7 @@ def _not_finite(session: SlaveSession, motion: MotionFacts) -> Occurrence:
         points=Count(motion.not_finite, "set-point"),
         frame=FramePlace(frames[:1]),
     )
-    return Occurrence(RULES["not-finite"], time, time, session.conversation, frames[:8], fact)
+    return Occurrence("not-finite", time, time, session.conversation, frames[:8], fact)
 
 
 def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, distance: Quantity) -> Occurrence:
@@ -81,7 +76,7 @@ def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, dist
     )
     clause = Message("clause.far-first-point", distance=distance, axis=axis)
     frames = motion.first_distance_frames
-    return Occurrence(RULES["far-first-point"], time, time, session.conversation, frames, fact, clause)
+    return Occurrence("far-first-point", time, time, session.conversation, frames, fact, clause)
 
 
 def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
@@ -96,7 +91,7 @@ def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
     )
     clause = Message("clause.set-point-jump", step=step, axis=jump.axis)
     return Occurrence(
-        RULES["set-point-jump"], jump.time, jump.time, session.conversation, (jump.frame,), fact, clause
+        "set-point-jump", jump.time, jump.time, session.conversation, (jump.frame,), fact, clause
     )
 
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import CallHealth, Occurrence, RuleChecker, frame_numbers
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import CallPlace, Moment
@@ -20,8 +19,7 @@ from bcapscope.traffic.observation import Conversation
 
 _REMEMBERED = 32
 """Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
-The checker may receive a speed change before or after the affected motion, because the calls of different
-clients may complete in any order.
+The calls of different clients may complete in any order, so either can come first.
 """
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
@@ -38,8 +36,6 @@ class _TimedCall(NamedTuple):
 
 
 class MotionChecker(RuleChecker):
-    """Checks whether a client changed a controller's external speed while the robot moved."""
-
     def set_up(self) -> None:
         self._motions: deque[_TimedCall] = deque(maxlen=_REMEMBERED)
         self._changes: deque[_TimedCall] = deque(maxlen=_REMEMBERED)
@@ -91,8 +87,8 @@ def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]
     )
     clause = Message("clause.speed-changed-in-motion", call=change.call)
     frames = tuple(sorted({*motion.frames, *change.frames}))
-    rule, time, number = RULES["speed-changed-in-motion"], change.ended, change.call.number
-    yield Occurrence(rule, time, time, change.conversation, frames, fact, clause, number)
+    time, client = change.ended, change.conversation
+    yield Occurrence("speed-changed-in-motion", time, time, client, frames, fact, clause, change.call.number)
 
 
 def _is_motion(call: Call) -> bool:

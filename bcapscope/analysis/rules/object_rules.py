@@ -32,8 +32,6 @@ class _HandleTally:
 
 
 class ObjectChecker(RuleChecker):
-    """Counts the open handles of each object, for each client."""
-
     def set_up(self) -> None:
         self._tallies: dict[tuple[Conversation, ObjectClass, str], _HandleTally] = {}
 
@@ -86,9 +84,7 @@ class ObjectChecker(RuleChecker):
         self.report_call("handle-leak", call, fact, group_key=f"{kind} {name}", is_update=is_update)
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the key of the oldest object in `_tallies` that has at most one open handle. If every object
-        in `_tallies` has several open handles, return the key of the oldest object.
-        """
+        """Return the key of the oldest object with at most one open handle, or else of the oldest object."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
@@ -98,7 +94,6 @@ class ObjectChecker(RuleChecker):
 
 
 def _may_be_released(call: Call) -> bool:
-    """Return whether the controller answered this call, or may have answered it."""
     return call.reply is not None or call.evicted or call.reply_not_captured
 
 

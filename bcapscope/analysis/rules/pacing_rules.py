@@ -10,13 +10,12 @@ from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
-    CallHealth,
+    NO_REASON,
     Occurrence,
     Refusal,
     RefusalReason,
     RuleChecker,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
 from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -26,7 +25,6 @@ from bcapscope.messages.places import CallPlace, Count, Duration, FramePlace, He
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, with_rc7_forms
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind
 
 _EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
@@ -37,13 +35,8 @@ _MAX_REPORTED = 64
 
 
 class PacingChecker(RuleChecker):
-    """Checks the times at which set points are sent and answered."""
-
     def set_up(self) -> None:
         self._reported_gaps: deque[int] = deque(maxlen=_MAX_REPORTED)
-
-    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
         """Report the pause that explains an empty buffer. `session_occurrences` cannot report this pause,
@@ -91,9 +84,9 @@ def _predicted_gap(session: SlaveSession, underflow: PredictedUnderflow, count: 
         slots=Count(session.buffer.slots, "set-point"),
     )
     clause = Message("clause.set-point-gap.predicted", pause=Duration(pause))
-    rule, ended = RULES["set-point-gap"], underflow.time
-    began, frames = ended - round(session.timing.slack_ms * MS), (underflow.last_frame, underflow.late_frame)
-    return Occurrence(rule, began, ended, session.conversation, frames, fact, clause, count=count)
+    ended, frames = underflow.time, (underflow.last_frame, underflow.late_frame)
+    began = ended - round(session.timing.slack_ms * MS)
+    return Occurrence("set-point-gap", began, ended, session.conversation, frames, fact, clause, count=count)
 
 
 def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
@@ -120,9 +113,7 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point may replace a set point that waits in the buffer. Return True if the
-    slave mode is unknown.
-    """
+    """Return whether a new set point may replace the one in the buffer; True if the mode is unknown."""
     return session.mode.meaning is None or session.buffer.overwrites
 
 
@@ -145,9 +136,7 @@ def _off_pace(
     )
     clause = Message(f"clause.{rule}", mean=interval)
     frames = (first.frame, last.frame)
-    return Occurrence(
-        RULES[rule], first.time, last.time, session.conversation, frames, fact, clause, advice=advice
-    )
+    return Occurrence(rule, first.time, last.time, session.conversation, frames, fact, clause, advice=advice)
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
@@ -157,9 +146,7 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points before and after the longest recent pause. Return None if no recent pause is long
-    enough to empty a full buffer.
-    """
+    """Return the set points around the longest recent pause that is long enough to empty a full buffer."""
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":
         points.append(call)
@@ -215,7 +202,7 @@ def _explain_underflow(call: Call, client: ClientState) -> RefusalReason | None:
 def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
     points = list(client.recent_set_points)[-_RECENT:]
     if len(points) < 2:
-        return None
+        return NO_REASON
     interval = (call.request.time - points[0].request.time) / len(points)
     places: dict[str, PlaceValue] = {
         "points": Count(len(points), "set-point"),
@@ -233,5 +220,4 @@ def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
 REFUSALS: tuple[Refusal, ...] = (
     Refusal("underflow", _EMPTY_CODES, _explain_underflow),
     Refusal("overflow", (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
-    Refusal("overflow", (E_SLAVE_OVERFLOW, 0x84400502)),
 )

@@ -1,6 +1,4 @@
-"""Rule about clients that make a separate call for each value, and therefore wait much of the time for
-replies.
-"""
+"""Rule about clients that make a separate call for each value, and therefore often wait for replies."""
 
 from __future__ import annotations
 
@@ -15,7 +13,6 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Quantity, WireText
 from bcapscope.protocol.tables.function_table import ID
@@ -49,8 +46,6 @@ class _VariableReads:
 
 
 class PollingChecker(RuleChecker):
-    """Counts the calls that read a single variable, and adds up the time that these calls take."""
-
     by_client: dict[Conversation, _VariableReads]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -84,6 +79,4 @@ def _polling(reads: _VariableReads, calls: int) -> Occurrence:
         share=Quantity(round(100 * reads.spent_ns / max(reads.took_ns, 1)), "%"),
     )
     frames = (first.request.number, last.request.number)
-    return Occurrence(
-        RULES["polling"], first.request.time, last.request.time, first.conversation, frames, fact
-    )
+    return Occurrence("polling", first.request.time, last.request.time, first.conversation, frames, fact)

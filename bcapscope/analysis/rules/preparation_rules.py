@@ -1,6 +1,4 @@
-"""Rules about what a motion needs: a running program, standstill, the arm, the motor, slave mode, permission
-to move.
-"""
+"""Rules about what a motion needs: a program, standstill, the arm, the motor, slave mode, permission."""
 
 from __future__ import annotations
 
@@ -63,8 +61,6 @@ _JUST_BEFORE_NS = 5 * SECOND
 
 
 class PreparationChecker(RuleChecker):
-    """Checks the calls that prepare slave mode and the first motion."""
-
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         command = call_kind.folded_command
         return command == "slvchangemode" or (health is not CallHealth.REFUSED and command != "slvmove")
@@ -78,15 +74,14 @@ class PreparationChecker(RuleChecker):
 
     def _check_last_motion(self, call: Call, client: ClientState) -> None:
         motion = client.last_motion
-        if motion is None or call.reply is None or _ends_at_e(motion):
+        ending = "" if motion is None else _pass_of(motion)
+        if motion is None or call.reply is None or ending.casefold() == "@e":
             return
         waited = call.reply.time - call.request.time
         code = call.reply.item.code
         just = call.request.time - motion.request.time < _JUST_BEFORE_NS
         if not just or not (code in _MOVING_CODES or (waited >= _WAITED_NS and not is_failure(code))):
             return
-
-        ending = _pass_of(motion)
         fact = Message(
             f"finding.no-at-e.{'passes' if ending else 'without'}",
             call=call_place(call),
@@ -107,19 +102,17 @@ class PreparationChecker(RuleChecker):
 
 def _type_was_read(client: ClientState) -> bool:
     """Return whether the client, or another client on the same computer, read the robot's type."""
-    host = client.conversation.client.host
-    others = (other for other in client.other_clients() if other.conversation.client.host == host)
-    return client.type_was_read or any(other.type_was_read for other in others)
+    host, clients = client.conversation.client.host, (client, *client.other_clients())
+    return any(each.type_was_read for each in clients if each.conversation.client.host == host)
 
 
 def _moves_robot(call: Call) -> bool:
     function_id, command = call.kind
     if function_id in MOTION_FUNCTIONS:
         return True
-    frame = call.request.item
     if function_id != ID["Robot_Execute"] or command is None:
         return False
-    return request_effect(frame.code, [each.variant for each in frame.arguments]) is CallEffect.MOVES
+    return request_effect(function_id, call.request.item.variants) is CallEffect.MOVES
 
 
 def _requests_mode(call: Call) -> bool:
@@ -129,11 +122,7 @@ def _requests_mode(call: Call) -> bool:
 
 def _pass_of(motion: Call) -> str:
     """Return the pass-motion option in the request of a motion, such as `@P` or `@0`; "" if there is none."""
-    for index in (2, 3):
-        found = _pass_in(argument(motion, index))
-        if found:
-            return found
-    return ""
+    return _pass_in(argument(motion, 2)) or _pass_in(argument(motion, 3))
 
 
 def _pass_in(variant: Variant | None) -> str:
@@ -145,10 +134,6 @@ def _pass_in(variant: Variant | None) -> str:
     if len(value) > 2 and isinstance(value[2], Variant) and isinstance(value[2].value, int):
         return pass_motion_text(value[2].value)
     return next((found for item in value[:8] if isinstance(item, Variant) and (found := _pass_in(item))), "")
-
-
-def _ends_at_e(motion: Call) -> bool:
-    return _pass_of(motion).casefold() == "@e"
 
 
 def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
@@ -179,11 +164,10 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest accepted Task_Start call for RobSlave. The call can come from any client."""
-    starts = [each.robslave_start for each in (client, *client.other_clients())]
-    return max(
-        (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
-    )
+    """Return the latest accepted Task_Start call for RobSlave, which any client may have made."""
+    starts = (each.robslave_start for each in (client, *client.other_clients()))
+    found = [each for each in starts if each is not None]
+    return max(found, key=lambda each: each.request.time, default=None)
 
 
 def _explain_never_started(client: ClientState) -> RefusalReason | None:
@@ -210,17 +194,13 @@ def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
 def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
     for other in client.other_clients():
         taken = other.take_arm_call
-        if taken is not None and taken.request.time < call.request.time and not _may_be_given_back(other):
+        given_back = _unanswered(other, "givearm") is not None  # perhaps: the reply was not captured
+        if taken is not None and taken.request.time < call.request.time and not given_back:
             place, at = client_place(other.conversation), Moment(taken.request.time)
             return RefusalReason(Message("reason.arm.held", client=place, at=at), evidence_call=taken)
     if call.kind.folded_command != "takearm":
         return None
     return RefusalReason(Message("reason.arm.holder-unseen"))
-
-
-def _may_be_given_back(client: ClientState) -> bool:
-    """Return whether the capture lacks the reply to the GiveArm of a client."""
-    return _unanswered(client, "givearm") is not None
 
 
 def _unanswered(client: ClientState, command: str) -> Call | None:
@@ -295,9 +275,8 @@ def _motor_reason(case: str, motor: Call, **places: ClientPlace) -> RefusalReaso
 
 
 def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
-    return RefusalReason(
-        explaining_calls=() if client.uncleared_error is None else (client.uncleared_error.number,)
-    )
+    error = client.uncleared_error
+    return RefusalReason(explaining_calls=() if error is None else (error.number,))
 
 
 REFUSALS: tuple[Refusal, ...] = (

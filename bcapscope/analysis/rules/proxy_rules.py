@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.rule_checker import Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment, WireText
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 _HELD_NS = 1_000_000
-"""Shortest delay by the proxy, in ns, that a finding mentions. The proxy usually forwards a message in a
-fraction of this time.
-"""
+"""Shortest delay by the proxy, in ns, that a finding mentions. The proxy is usually much faster."""
 
 
 class ProxyChecker(RuleChecker):
-    """Checks whether the proxy, one of its scripts or its user disturbed a call."""
-
     def on_call(self, call: Call, client: ClientState) -> None:
         noted: dict[str, list[JoinedObservation]] = {}
         for seen in call.joined_frames:
@@ -29,11 +24,7 @@ class ProxyChecker(RuleChecker):
             self._report(call, note, frames)
 
     def _report(self, call: Call, note: str, frames: list[JoinedObservation]) -> None:
-        places = {
-            "at": Moment(frames[0].time),
-            "call": call_place(call),
-            "client": client_place(call.conversation),
-        }
+        places = {**call_places(call), "at": Moment(frames[0].time)}
         rule, separator, what = note.partition(": ")
         if separator:
             fact = Message("finding.injected-fault", **places, rule=WireText(rule), what=WireText(what))
@@ -42,7 +33,7 @@ class ProxyChecker(RuleChecker):
             fact, clause = Message("finding.injected-fault.note", **places, what=WireText(note)), None
         self.report_occurrence(
             Occurrence(
-                RULES["injected-fault"],
+                "injected-fault",
                 call.request.time,
                 frames[-1].time,
                 call.conversation,
@@ -57,9 +48,7 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Return `fact` with the place where frames of the call were lost or held. If the place is unknown,
-    return `fact` unchanged.
-    """
+    """Return `fact` with the place where frames of the call were lost or held, as far as it is known."""
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
@@ -68,14 +57,6 @@ def with_place(call: Call, fact: Message) -> Message:
         return Message("finding.reached-controller-side", fact=fact)
     held = max((seen.held_by_proxy for seen in call.joined_frames), default=0)
     return Message("finding.held-in-proxy", fact=fact, held=Duration(held)) if held >= _HELD_NS else fact
-
-
-def group_by_place(call: Call) -> str:
-    """Return the group key (see `Occurrence.group_key`) for a problem of a call. Calls that need different
-    advice get different group keys.
-    """
-    advice = advice_by_place(call)
-    return "" if advice is None else advice.id
 
 
 def advice_by_place(call: Call) -> Message | None:
@@ -90,7 +71,6 @@ def advice_by_place(call: Call) -> Message | None:
 
 
 def _reached_controller_side(call: Call) -> bool:
-    """Return whether an unanswered request was captured at the controller's side."""
     return call.reply is None and any(
         seen.is_request and seen.at_controller is not None for seen in call.joined_frames
     )

@@ -31,10 +31,7 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All kinds of refusal, specific kinds first. The last kind of refusal in `REFUSALS` matches every refused
-call.
-"""
-
+"""All kinds of refusal, specific kinds first. The last kind matches every refused call."""
 
 _NEEDED_OBJECTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.ROBOT)
 _PREPARATIONS = frozenset(
@@ -43,14 +40,10 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move. Each text in `_PREPARATIONS` is a result of
-`ClientState.equivalent_command`.
-"""
+"""Calls that must succeed before the robot can move, as `ClientState.equivalent_command` names them."""
 
 
 class RefusalChecker(RuleChecker):
-    """Reports each refused call with exactly one rule."""
-
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is CallHealth.REFUSED
 
@@ -65,7 +58,7 @@ class RefusalChecker(RuleChecker):
                 rule,
                 call,
                 _marked_guess(why.fact or _usual_sentence(call, code, why), code),
-                why.clause or _usual_clause(call, code),
+                why.clause or Message("clause.refused", call=call_name_place(call), code=code_place(code)),
                 evidence_call=why.evidence_call,
                 explaining_calls=why.explaining_calls or _error_to_clear(call, client),
                 group_key=why.group_key,
@@ -91,9 +84,7 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """For a refused ClearError, return the number of the call that reported the uncleared error. The
-    uncleared error and the refusal of ClearError often have the same cause.
-    """
+    """Return the call with the uncleared error, which often has the same cause as a refused ClearError."""
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 
@@ -109,7 +100,3 @@ def _usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
     if why.text is None:
         return Message("finding.refused", **usual)
     return Message("finding.refused.because", **usual, reason=why.text)
-
-
-def _usual_clause(call: Call, code: int) -> Message:
-    return Message("clause.refused", call=call_name_place(call), code=code_place(code))

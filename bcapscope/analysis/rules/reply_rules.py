@@ -5,11 +5,10 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TypedDict
 
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
-from bcapscope.analysis.rules.proxy_rules import advice_by_place, group_by_place, with_place
+from bcapscope.analysis.rules.proxy_rules import advice_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     ClientEnd,
@@ -18,7 +17,6 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times
@@ -41,8 +39,7 @@ class _Pending:
 
     Attributes:
         given_up: Latest call without a reply; the client gave this call up, or the client program stopped.
-        strays: Replies whose request was not captured; the client may have sent the request before the
-            capture.
+        strays: Replies whose request was not captured, perhaps because it was sent before the capture.
     """
 
     given_up: Call | None = None
@@ -50,8 +47,6 @@ class _Pending:
 
 
 class ReplyChecker(RuleChecker):
-    """Checks calls that were retried, not answered or answered late, and replies without a request."""
-
     by_client: dict[Conversation, _Pending]
 
     def set_up(self) -> None:
@@ -129,9 +124,9 @@ class ReplyChecker(RuleChecker):
         }
         case, waited = ".inferred" if call.gave_up_inferred else "", Duration(gave_up - attempt.time)
         retries = Count(call.retries, "retry")
-        fact = with_place(call, Message(f"finding.{rule}{case}", **places, waited=waited, retries=retries))
-        clause, grouping = Message("clause.late-reply", **places), _grouped_by_place(call)
-        self.report_call(rule, call, fact, clause, began=attempt.time, completed=reply.time, **grouping)
+        fact = Message(f"finding.{rule}{case}", **places, waited=waited, retries=retries)
+        clause = Message("clause.late-reply", **places)
+        self._report_with_place(rule, call, fact, clause, began=attempt.time, completed=reply.time)
 
     def _check_unanswered(self, call: Call) -> None:
         closing = call.conversation.connection_end
@@ -164,9 +159,7 @@ class ReplyChecker(RuleChecker):
             client=client_place(call.conversation),
             took=Duration(reply.time - _AttemptIndex(call).answered_by(reply).time),
         )
-        self.report_call(
-            "reply-lost", call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
-        )
+        self._report_with_place("reply-lost", call, fact, began=reply.time)
 
     def _report_crossed(self, call: Call) -> None:
         reply = call.lost_replies[0]
@@ -195,20 +188,26 @@ class ReplyChecker(RuleChecker):
             after=Duration(call.latency or 0),
         )
         clause = Message("clause.retried", call=call_place(call), attempt=attempts)
-        self.report_call("retried", call, with_place(call, fact), clause, **_grouped_by_place(call))
+        self._report_with_place("retried", call, fact, clause)
 
-
-class _Grouping(TypedDict, total=False):
-    group_key: str
-    advice: Message
-
-
-def _grouped_by_place(call: Call) -> _Grouping:
-    """Return the arguments `group_key` and `advice` for `report_call`. A call that was captured at two places
-    can need special advice and a separate finding.
-    """
-    advice = advice_by_place(call)
-    return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
+    def _report_with_place(
+        self,
+        rule: str,
+        call: Call,
+        fact: Message,
+        clause: Message | None = None,
+        *,
+        began: int = 0,
+        completed: int = 0,
+    ) -> None:
+        """Report a problem of a call. Calls that need different advice, because of the place where frames
+        were lost or held, become different findings.
+        """
+        fact, advice = with_place(call, fact), advice_by_place(call)
+        key = "" if advice is None else advice.id
+        self.report_call(
+            rule, call, fact, clause, began=began, completed=completed, group_key=key, advice=advice
+        )
 
 
 def _no_reply(call: Call) -> Occurrence:
@@ -224,8 +223,9 @@ def _no_reply(call: Call) -> Occurrence:
         fact = Message(f"finding.no-reply.continued{settled}", **sent, after=Duration(continued_after))
     else:
         fact = Message(f"finding.no-reply{settled}", **sent)
+    advice = Message("rule.no-reply.advice.closed") if by_client else advice_by_place(call)
     return Occurrence(
-        RULES["no-reply"],
+        "no-reply",
         call.request.time,
         call.abandoned_at or (last_frame_time(call) if closing is None else closing.time),
         call.conversation,
@@ -233,8 +233,8 @@ def _no_reply(call: Call) -> Occurrence:
         with_place(call, fact),
         Message("clause.no-reply", call=sent["call"]),
         call=call.number,
-        group_key="closed" if by_client else group_by_place(call),
-        advice=Message("rule.no-reply.advice.closed") if by_client else advice_by_place(call),
+        group_key="" if advice is None else advice.id,
+        advice=advice,
     )
 
 
@@ -247,7 +247,7 @@ def _very_late(reply: FrameObservation, call_number: int) -> Occurrence:
         number=call_number,
         serial=reply.item.serial,
     )
-    return Occurrence(RULES["very-late-reply"], reply.time, reply.time, conversation, (reply.number,), fact)
+    return Occurrence("very-late-reply", reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _to_nothing(reply: FrameObservation) -> Occurrence:
@@ -258,7 +258,7 @@ def _to_nothing(reply: FrameObservation) -> Occurrence:
         client=client_place(conversation),
         serial=reply.item.serial,
     )
-    return Occurrence(RULES["reply-to-nothing"], reply.time, reply.time, conversation, (reply.number,), fact)
+    return Occurrence("reply-to-nothing", reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:
@@ -275,7 +275,7 @@ def _client_stopped(call: Call, quiet: int) -> Occurrence:
     clause = Message("clause.client-stopped", client=client, call=stopped)
     frames = frame_numbers(call)
     return Occurrence(
-        RULES["client-stopped"], first, last, call.conversation, frames, fact, clause, call=call.number
+        "client-stopped", first, last, call.conversation, frames, fact, clause, call=call.number
     )
 
 
@@ -290,15 +290,14 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
         fact = Message("finding.controller-silent", **ends, calls=Count(calls, "call"), lasted=lasted)
     frames = (first.request.number, last.attempts[-1].number)
     clause = Message("clause.controller-silent", **ends)
-    return Occurrence(RULES["controller-silent"], began, began, conversation, frames, fact, clause)
+    return Occurrence("controller-silent", began, began, conversation, frames, fact, clause)
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether the controller answered a set point late because the buffer had no room.
 
-    The controller delays replies only in modes in which the controller sets the pace. DENSO recommends a
-    timeout of 2 ms for these modes, so the client retries while the controller waits. A retry while the
-    controller waits does no harm, and helps if an earlier attempt was lost.
+    This happens only in modes in which the controller sets the pace. DENSO recommends a timeout of 2 ms for
+    these modes, so the client retries while the controller waits, which does no harm.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -317,14 +316,12 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Among the attempts with the serial of `reply`, return the last attempt sent before `reply`."""
+        """Return the last attempt with the serial of `reply` that was sent before `reply`."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return the time, in ns since 1970, at which the client gave up the attempt that `reply` answers.
-        Return 0 if `reply` is not late.
-        """
+        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if not late."""
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

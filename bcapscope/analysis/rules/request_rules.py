@@ -21,14 +21,8 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
 _TYPE_CODES = (
-    E_INVALIDARG,
-    0x80020005,
-    0x80020008,
-    0x8002000A,
-    0x8002000B,
-    0x80010003,
-    0x80000203,
-    0x83500127,
+    *(E_INVALIDARG, 0x80020005, 0x80020008, 0x8002000A),
+    *(0x8002000B, 0x80010003, 0x80000203, 0x83500127),
 )
 _NAME_CODES = (0x80010005, 0x80000904, E_NOTIMPL)
 _USUAL_COUNTS = (7, 8, 10)
@@ -37,8 +31,6 @@ _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
 
 
 class RequestChecker(RuleChecker):
-    """Checks each requested slave mode, and the first set point of each slave-mode session."""
-
     by_client: dict[Conversation, bool]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -124,7 +116,6 @@ def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _argument_mismatch(call: Call) -> Message | None:
-    """Return what is wrong with the number or the types of the arguments; None if they fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return Message("reason.no-function", function=call.kind.function_id)

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import CallHealth, Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
@@ -26,8 +25,6 @@ _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
 
 
 class RetryChecker(RuleChecker):
-    """Checks the times and serials of the attempts of a call."""
-
     by_client: dict[Conversation, ReservedConvention]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -140,8 +137,7 @@ class RetryChecker(RuleChecker):
             or _may_hold_position(client)
         ):
             return
-        arguments = frame.variants
-        if request_effect(frame.code, arguments) < CallEffect.CHANGES:
+        if request_effect(frame.code, frame.variants) < CallEffect.CHANGES:
             return
         fact = Message(
             "finding.unmarked-retry",
@@ -166,7 +162,7 @@ def _retry_in_async(session: SlaveSession) -> Occurrence:
     else:
         fact = Message("finding.retry-in-async.mode", **places, mode=f"0x{mode:03X}")
     return Occurrence(
-        RULES["retry-in-async"], session.entered_at, session.exit.time, session.conversation, frames[:8], fact
+        "retry-in-async", session.entered_at, session.exit.time, session.conversation, frames[:8], fact
     )
 
 
@@ -175,7 +171,6 @@ def _is_same_request(one: Call, other: Call) -> bool:
 
 
 def _may_hold_position(client: ClientState) -> bool:
-    """Return whether the client may have sent the same set point again only to hold the robot's position."""
     last = client.last_call
     if last.kind.folded_command != "slvmove":
         return False

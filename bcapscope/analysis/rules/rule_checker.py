@@ -1,13 +1,11 @@
-"""The base class of all checkers, with the classes for reported problems and for the reasons of refused
-calls.
-"""
+"""The base class of all checkers, and the classes for reported problems and reasons of refused calls."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place
@@ -28,9 +26,8 @@ class RobotImpact(IntEnum):
     """Effect of a problem on the motion of the robot. The gravest effect has the smallest number."""
 
     STOPPED = 0
-    """The problem ended slave mode or a motion."""
     PREVENTED = 1
-    """The problem kept the robot from moving: the client could not connect, prepare or begin a motion."""
+    """The client could not connect, prepare or begin a motion."""
     NONE = 2
 
 
@@ -41,20 +38,18 @@ class Occurrence:
     Attributes:
         began: Time when the problem began, ns since 1970.
         completed: Time when the problem ended, ns since 1970.
-        fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
-        clause: Message `clause.<rule>`: the name of this problem in the text of its root cause. None if the
-            text of a root cause never names this problem.
+        fact: Message `finding.<rule>` or `finding.<rule>.<case>`.
+        clause: Message `clause.<rule>`; None if the text of a root cause never names this problem.
         call: Number of the call that has the problem; 0 if no single call has it.
         explaining_calls: Numbers of the calls whose problems are the likeliest causes of this problem.
         group_key: Occurrences of one rule with different group keys become different findings.
-        advice: What the reader can do in this case; None for the usual advice of the rule.
-        count: How often the problem occurred; more than 1 if this object represents several occurrences.
+        advice: None for the usual advice of the rule.
         is_update: Whether this occurrence replaces the earlier occurrence of the same rule and call.
         selected: False if the problem is reported only as the cause of a problem in selected calls.
         explains: Numbers of the calls whose problems are certainly consequences of this problem.
     """
 
-    rule: DiagnosisRule
+    rule_id: str
     began: int
     completed: int
     conversation: Conversation
@@ -71,13 +66,14 @@ class Occurrence:
     explains: tuple[int, ...] = ()
     impact: RobotImpact = RobotImpact.NONE
 
+    @property
+    def rule(self) -> DiagnosisRule:
+        return RULES[self.rule_id]
+
 
 class ClientEnd(NamedTuple):
-    """The end of a client's traffic: the capture ended, or the client was dropped from memory.
-
-    Attributes:
-        ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
-        known_present: Whether the client is known to be still connected, although it sends nothing.
+    """The end of a client's traffic at `ended_at` (ns since 1970): the capture ended, or the client was
+    dropped from memory. A client with `known_present` is still connected, although it sends nothing.
     """
 
     client: ClientState
@@ -90,12 +86,9 @@ OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
 
 
 class CallHealth(Enum):
-    """Whether a call had problems."""
-
     SMOOTH = "smooth"
     """One request, one reply, success."""
     REFUSED = "refused"
-    """The reply reports a failure."""
     TROUBLED = "troubled"
     """The call got no reply, or the call succeeded with retries or other extra frames."""
 
@@ -106,15 +99,7 @@ class RuleChecker:
     A subclass overrides the methods for the events that it needs. Methods that return problems (`Occurrence`)
     must not change the checker, because bcapscope also calls them while live traffic continues. `by_client`
     holds data about each client until the client is dropped from memory.
-
-    Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). A capture can
-            contain millions of set points. If `needs_every_set_point` is False, `on_call` gets no set point
-            of a series (see `AlikeSetPoints`). If `needs_every_set_point` is True, `on_call` may get many set
-            points of a series before bcapscope updates `client`.
     """
-
-    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -141,12 +126,12 @@ class RuleChecker:
         impact: RobotImpact = RobotImpact.NONE,
         is_update: bool = False,
     ) -> None:
-        """Report a problem of a call. By default, the problem lasts from the call's request to its last
-        frame. The frames of `call` and of `evidence_call` prove the problem.
+        """Report a problem that, by default, lasts from the call's request to its last frame. The frames of
+        `call` and of `evidence_call` prove the problem.
         """
         self.report_occurrence(
             Occurrence(
-                rule=RULES[rule],
+                rule_id=rule,
                 began=began or call.request.time,
                 completed=completed or last_frame_time(call),
                 conversation=call.conversation,
@@ -163,19 +148,19 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return True if `on_call` checks calls with this kind and this `CallHealth`. `Diagnosis` caches the
-        result.
-        """
+        """Return whether `on_call` checks such calls. `Diagnosis` caches the result."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. The state in `client` does not include this call yet."""
+        """Check a completed call. The state in `client` does not include this call yet. For speed, no checker
+        gets the accepted set points of a series (see `AlikeSetPoints`).
+        """
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first observation of a flow (one direction of a conversation)."""
+        """Check the first observation of a flow."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no known call."""
@@ -192,7 +177,6 @@ class RuleChecker:
         return ()
 
     def drop_client(self, client: ClientState) -> None:
-        """Release the data of a client that is dropped from memory."""
         self.by_client.pop(client.conversation, None)
 
 
@@ -214,11 +198,9 @@ class RefusalReason(NamedTuple):
     """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: Value of the placeholder `reason` in the message `finding.refused.because`; None if no reason is
-            known.
-        fact: Message that replaces the usual `finding.refused` or `finding.refused.because`; None for the
-            usual message.
-        clause: Message that replaces the usual `clause.refused`; None for the usual clause.
+        text: Value of the placeholder `reason` in `finding.refused.because`; None if no reason is known.
+        fact: Message that replaces `finding.refused` or `finding.refused.because`, unless None.
+        clause: Message that replaces `clause.refused`, unless None.
     """
 
     text: Message | None = None
@@ -231,15 +213,12 @@ class RefusalReason(NamedTuple):
 
 
 NO_REASON = RefusalReason()
-"""The reason for the refusal is unknown: the capture shows only the result code."""
 
 ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
 
 
 def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalReason:
-    """Return a `RefusalReason` with the call `earlier` as the explanation. `id` is the id of the message that
-    states the reason.
-    """
+    """Return a reason that consists of the call `earlier`. The message `id` states the reason."""
     text = Message(id, call=call_place(earlier), at=Moment(earlier.request.time), **places)
     return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)
 
@@ -253,8 +232,7 @@ class Refusal(NamedTuple):
 
     Attributes:
         codes: Result codes to which this kind of refusal applies; empty for all codes.
-        explain: Function that returns the reason why a call was refused; None if the call is not a refusal of
-            this kind.
+        explain: Function that returns None if the call is not a refusal of this kind.
     """
 
     rule: str

@@ -20,7 +20,6 @@ from bcapscope.analysis.rules.rule_checker import (
     last_frame_time,
     reason_from_call,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -49,22 +48,16 @@ _SOON_NS = SECOND // 20
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""Minimum ratio of a silence to the client's longest earlier pause. After a shorter silence, the client does
-not count as gone.
-"""
+"""A client counts as gone only if its silence is longer than its longest earlier pause by this factor."""
 
 _SMALLEST_WDT_MS = 80
-
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes that a controller may send if no session was started. Other codes have another reason."""
 
 
 class SessionChecker(RuleChecker):
-    """Checks how a client ends its sessions, and how long its calls take."""
-
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is not CallHealth.SMOOTH or call_kind.function_id == ID["Service_Start"]
 
@@ -88,8 +81,7 @@ class SessionChecker(RuleChecker):
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
         client, session = end.client, end.silent_session
-        # the call that was evicted from memory may have ended the session properly
-        if end.known_present or client.last_call.evicted:
+        if end.known_present or client.last_call.evicted:  # an evicted call may have ended the session
             return
         if session is not None and end.ended_at - session.exit.time >= _SILENT_NS:
             yield _left_on(session)
@@ -102,9 +94,7 @@ class SessionChecker(RuleChecker):
         conversation = client.conversation
         stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
         if stays_connected and follower is None:
-            # the client program still runs: if it had ended, its computer would have closed the TCP
-            # connection
-            return
+            return  # if the client program had ended, its computer would have closed the TCP connection
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -187,14 +177,14 @@ def _left_on(session: SlaveSession) -> Occurrence:
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
     clause = Message("clause.quit-in-slave-mode", mode=name)
     frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
-    rule, time, impact = RULES["quit-in-slave-mode"], end.time, RobotImpact.STOPPED
-    return Occurrence(rule, time, time, session.conversation, frames, fact, clause, impact=impact)
+    where, impact = session.conversation, RobotImpact.STOPPED
+    return Occurrence("quit-in-slave-mode", end.time, end.time, where, frames, fact, clause, impact=impact)
 
 
 def _unclean_quit(last: Call, time: int, fact: Message, frames: tuple[int, ...]) -> Occurrence:
-    rule, client, causes = RULES["unclean-quit"], last.conversation, (last.number,)
+    client, causes = last.conversation, (last.number,)
     clause = Message("clause.unclean-quit", client=client_place(client))
-    return Occurrence(rule, time, time, client, frames, fact, clause, explaining_calls=causes)
+    return Occurrence("unclean-quit", time, time, client, frames, fact, clause, explaining_calls=causes)
 
 
 def _has_wdt(service: Call) -> bool:
@@ -202,7 +192,7 @@ def _has_wdt(service: Call) -> bool:
 
 
 def _successor(client: ClientState, since: int) -> ClientState | None:
-    """Return another client with the same IP address, if it began a session after this client fell silent."""
+    """Return another client with the same IP address that began a session after this client fell silent."""
     host = client.conversation.client.host
     for other in client.other_clients():
         first = other.first_call
@@ -250,18 +240,14 @@ def _explain_name_in_use(call: Call, client: ClientState) -> RefusalReason | Non
     for other in (client, *client.other_clients()):
         connected = other.connect_call if other.session_end is None else None
         if connected is not None and text_argument(connected, 0) == name:
-            return _held_by(other, connected, name)
+            reason = Message(
+                "reason.name-in-use",
+                holder=client_place(other.conversation),
+                name=WireText(name),
+                at=Moment(connected.request.time),
+            )
+            return RefusalReason(reason, evidence_call=connected)
     return RefusalReason(Message("reason.name-left", name=WireText(name)))
-
-
-def _held_by(client: ClientState, connected: Call, name: str) -> RefusalReason:
-    reason = Message(
-        "reason.name-in-use",
-        holder=client_place(client.conversation),
-        name=WireText(name),
-        at=Moment(connected.request.time),
-    )
-    return RefusalReason(reason, evidence_call=connected)
 
 
 def _explain_busy(call: Call, client: ClientState) -> RefusalReason | None:
@@ -286,9 +272,7 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether calls of two clients can delay each other. Calls over UDP to the same controller address
-    can delay each other; calls over TCP cannot.
-    """
+    """Return whether calls of two clients can delay each other: only over UDP to the same address."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
@@ -296,12 +280,9 @@ def _share_call_slot(one: Call, other: Call) -> bool:
 def _running_call(client: ClientState, call: Call) -> Call | None:
     """Return the latest slow call of `client` if `call` began, or may have begun, during this slow call."""
     slow = client.slow_call
-    return slow if slow is not None and _may_have_run(slow, call) else None
-
-
-def _may_have_run(earlier: Call, call: Call) -> bool:
-    begun = earlier.request.time <= call.request.time
-    return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
+    if slow is None or slow.request.time > call.request.time:
+        return None
+    return slow if slow.reply is None or slow.reply.time > call.request.time else None
 
 
 _PROVIDER_CODES = (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209)

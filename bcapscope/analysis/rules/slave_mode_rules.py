@@ -1,6 +1,4 @@
-"""Rules about slave mode: a client enters it in a wrong way, it ends without the client's knowledge, or
-another client disturbs it.
-"""
+"""Rules about slave mode that is entered wrongly, ends unnoticed, or is disturbed by another client."""
 
 from __future__ import annotations
 
@@ -19,7 +17,6 @@ from bcapscope.analysis.rules.rule_checker import (
     failure_case,
     reason_from_call,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -37,8 +34,6 @@ _SUSPECT_WITHIN_NS = 200 * MS
 
 
 class SlaveModeChecker(RuleChecker):
-    """Checks how slave-mode sessions ended."""
-
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         exit_ = session.exit
         if exit_.reason is ExitReason.OTHER_CLIENT and exit_.by is not None:
@@ -58,9 +53,16 @@ def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
     )
     clause = Message("clause.slave-mode-ended-by-other", other=other, call=call)
     frames = tuple(frame for frame in (by.request_frame, by.reply_frame) if frame is not None)
-    rule, ended, impact = RULES["slave-mode-ended-by-other"], session.exit.time, RobotImpact.STOPPED
     return Occurrence(
-        rule, by.time, ended, session.conversation, frames, fact, clause, by.call, impact=impact
+        "slave-mode-ended-by-other",
+        by.time,
+        session.exit.time,
+        session.conversation,
+        frames,
+        fact,
+        clause,
+        call=by.call,
+        impact=RobotImpact.STOPPED,
     )
 
 
@@ -81,8 +83,8 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         fact = Message("finding.slave-mode-lost-unseen.suspect", **places)
     clause = Message("clause.slave-mode-lost-unseen")
     frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
-    rule, end, impact = RULES["slave-mode-lost-unseen"], last.time + 1, RobotImpact.STOPPED
-    return Occurrence(rule, last.time, end, session.conversation, frames, fact, clause, impact=impact)
+    where, ended, impact = session.conversation, last.time + 1, RobotImpact.STOPPED
+    return Occurrence("slave-mode-lost-unseen", last.time, ended, where, frames, fact, clause, impact=impact)
 
 
 def _call_name_place(call: CallFact) -> CallPlace:
@@ -90,7 +92,6 @@ def _call_name_place(call: CallFact) -> CallPlace:
 
 
 def _is_harmless_call(call: CallFact) -> bool:
-    """Return whether a call only reads values, or is known to be allowed in slave mode."""
     if call.command is None:
         return function_effect(call.function_id) < CallEffect.CHANGES
     known = find_command(call.function_id, call.command)

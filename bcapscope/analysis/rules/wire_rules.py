@@ -8,7 +8,6 @@ from typing import TypeAlias
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import SECOND, ClientEnd, Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Moment
@@ -29,13 +28,10 @@ from bcapscope.traffic.observation import (
 CHECKED_FROM_BYTES = 480
 """Frames of at least this size in bytes are checked against `LARGEST_UDP_FRAME`."""
 
-
 _MAX_FLOWS = 4096
 _FEWEST_REPLIES = 4
 _RESYNC_WITHIN_NS = SECOND
 _MAX_PROBLEMS_NAMED = 3
-"""The text of a finding names at most this many problems of one frame."""
-
 
 _Seen: TypeAlias = "Observation | FrameObservation"
 
@@ -92,8 +88,8 @@ class WireChecker(RuleChecker):
             self.report_call("duplicate-frames", call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report a conversation of which the capture has replies, but no requests. A few replies without
-        requests are normal at the start of a capture, so the checker waits for `_FEWEST_REPLIES` replies.
+        """Report a conversation of which the capture has only replies. A few replies without requests are
+        normal at the start of a capture.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:
@@ -164,7 +160,7 @@ class WireChecker(RuleChecker):
         )
         self.report_occurrence(
             Occurrence(
-                RULES[rule],
+                rule,
                 observation.first_byte_time,
                 observation.time,
                 conversation,
@@ -182,8 +178,8 @@ def _one_direction(
     fact = Message(
         f"finding.one-direction.{held}", client=client_place(conversation), server=str(conversation.server)
     )
-    rule, frames = RULES["one-direction"], (first.number, last.number)
-    return Occurrence(rule, first.time, last.time, conversation, frames, fact, group_key=held)
+    frames = (first.number, last.number)
+    return Occurrence("one-direction", first.time, last.time, conversation, frames, fact, group_key=held)
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:

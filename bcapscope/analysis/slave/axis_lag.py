@@ -9,17 +9,13 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag in cycles that can be found. With a cycle time of 8 ms, the largest lag is about a quarter of a
-second.
-"""
+"""Largest lag in cycles that can be found: a quarter of a second at a cycle time of 8 ms."""
 
 _ROWS_AT_ONCE = 256
 """Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the largest to the smallest sum of squared errors among all tested lags. If the ratio for
-an axis is less than `_CLEAR`, the axis moves too little to show a lag.
-"""
+"""Minimum ratio of the largest to the smallest sum of squared errors. Below it, an axis moves too little."""
 
 
 class AxisLag:

@@ -10,19 +10,14 @@ The model is a prediction, not an observation. It assumes:
   for all set points.
 - The controller does not put a refused set point into the buffer.
 - The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the model
-  uses the result codes of captured replies as corrections. The buffer holds at most one set point per slot.
-  S_BUF_FULL means that the buffer is full. In modes in which the controller sets the pace, a set point is in
-  the buffer before its reply arrives.
+  uses the result codes of captured replies as corrections. S_BUF_FULL means that the buffer is full. In modes
+  in which the controller sets the pace, a set point is in the buffer before its reply arrives.
 
-The controller takes set points from the buffer at the same moment of each period. A capture does not show
-at which moment of a period the controller takes set points. The model assumes that the controller takes each
-set point at the earliest possible moment. The real deadlines may be up to one period later than the deadlines
-of the model. If a set point misses the model's deadline by at most one period, the model counts a possible
-underflow. If a set point misses the model's deadline by more than one period, the model counts a predicted
+A capture does not show at which moment of a period the controller takes set points. The model assumes the
+earliest possible moment, so the real deadlines may be up to one period later. A set point that misses the
+model's deadline by at most one period counts as a possible underflow; any later one counts as a predicted
 underflow. The model predicts an overflow only if the buffer would be full no matter when in a period the
-controller takes set points.
-`bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
-these numbers.
+controller takes set points. `bcapscope.protocol.slave_mode.modes` has the sources of the numbers.
 """
 
 from __future__ import annotations
@@ -42,9 +37,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Number of buffer slots that the model assumes if the mode is unknown. Most modes of current controllers
-have three buffer slots.
-"""
+"""Number of buffer slots if the mode is unknown. Most modes of current controllers have three."""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -72,31 +65,28 @@ class PredictedUnderflow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BufferFacts:
-    """What the model predicts about the controller's buffer, and what the controller reported about the
-    buffer.
+    """What the model predicts, and what the controller reported, about the controller's buffer.
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the set point that waits in the buffer. If `overwrites`
-            is True, an empty buffer is not an error.
+        overwrites: Whether a new set point replaces the set point that waits in the buffer. If so, an empty
+            buffer is not an error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
-        underflows: Number of predicted underflows. The underflows in `possible_underflows` are not included.
+        underflows: Number of predicted underflows, without `possible_underflows`.
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of set points that were at most one period late in the model. These set
-            points may still have reached the controller in time.
-        overflows: Number of predicted overflows: set points that arrived while the model's buffer was
-            certainly full.
+        possible_underflows: Number of set points that were at most one period late in the model, and may
+            still have reached the controller in time.
+        overflows: Number of set points that arrived while the model's buffer was certainly full.
         overflow_frames: Frame numbers of the set points that caused the first predicted overflows.
         overwritten: Number of set points that were replaced before the controller took them; 0 if
             `overwrites` is False.
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
-        smallest_slack_ms: Smallest slack in ms of a set point: how much longer the buffer would have lasted
-            without the set point. The slack is negative if the buffer was already empty.
-        smallest_slack_frame: Frame number of the set point with the smallest slack; None for fewer than two
-            set points.
+        smallest_slack_ms: Smallest slack of a set point: how many ms longer the buffer would have lasted
+            without it; negative if the buffer was already empty.
+        smallest_slack_frame: Frame number of the set point with the smallest slack.
         reported_underflows: Frame numbers of the first replies that report an underflow (0x84201482).
         reported_overflows: Frame numbers of the first replies that report an overflow (0x83201483).
         reported_full: Frame numbers of the first replies with S_BUF_FULL.
@@ -124,17 +114,14 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return the time in ms for which a full buffer lasts without a new set point: one period per slot. A
-    buffer with one slot lasts two periods: the slot holds a set point while the controller executes the
-    previous set point.
+    """Return how long a full buffer lasts without a new set point, ms: one period per slot. With one slot, it
+    lasts two periods, because the controller executes the previous set point meanwhile.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
 
 @dataclass(frozen=True, slots=True)
 class BufferBehaviour:
-    """How the controller's buffer behaves in one slave mode, and what the model assumes about the buffer."""
-
     slots: int
     overwrites: bool
     replies_pace: bool
@@ -154,18 +141,14 @@ class BufferBehaviour:
 
 
 class BufferModel:
-    """Predicts how many set points the buffer held when each set point arrived. Set points must be added in
-    order.
-    """
+    """Predicts how many set points the buffer held when each set point arrived, in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The model does not know when in a period the controller takes set points. An overflow is certain
-        # only if `_excess_ns` is more than two periods. If a new set point replaces the waiting set point,
-        # the limit for `_excess_ns` is one period. In modes in which the controller sets the pace, the buffer
-        # never overflows.
+        # An overflow is certain only above this limit, because the model does not know when in a period the
+        # controller takes set points. If the controller sets the pace, the buffer never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
@@ -183,15 +166,8 @@ class BufferModel:
         self._full_frames: list[int] = []
 
     def add(self, rows: SetPointTable, moving: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Add one or more set points.
-
-        Args:
-            moving: 1 if the robot was moving before the set point, 0 if the robot stood still, -1 if unknown.
-
-        Returns:
-            Slack of each set point in ns: how much longer the buffer would have lasted without this set
-                point. The slack is negative if the buffer was already empty. The slack of the first set point
-                is 0.
+        """Add one or more set points. `moving` is 1 if the robot was moving before the set point, 0 if it
+        stood still, -1 if unknown. Return the slack of each set point in ns; 0 for the first set point.
         """
         if not self._last_frame:
             self._empty_at = int(rows.arrivals[0])
@@ -209,8 +185,7 @@ class BufferModel:
         """Add several set points in one step, which is faster than one by one. If a set point is late,
         refused or beyond the capacity of the buffer, change nothing and return None.
 
-        Each set point makes the buffer last one period longer, up to the capacity of the buffer.
-        `np.minimum.accumulate` applies this capacity to all set points at once.
+        Each set point makes the buffer last one period longer, up to the buffer's capacity.
         """
         periods = np.arange(len(in_buffer_by) + 1) * _PERIOD
         latest = in_buffer_by + self._capacity_ns
@@ -245,7 +220,9 @@ class BufferModel:
                 empty_at -= over
                 self._excess_ns += over
                 if self._excess_ns > self._most_excess_ns:
-                    self._add_overflow(int(rows.frames[index]))
+                    self._excess_ns -= _PERIOD
+                    self._overflow_count += 1
+                    _append_bounded(self._overflows, int(rows.frames[index]))
         self._empty_at = empty_at
         return slacks
 
@@ -267,7 +244,6 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointTable, index: int, empty_at: int) -> int:
-        """Correct the model with a reply's result code. Return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -280,15 +256,7 @@ class BufferModel:
             _append_bounded(self._underflow_frames, reply)
         return empty_at if is_failure(code) else empty_at + _PERIOD
 
-    def _add_overflow(self, frame: int) -> None:
-        self._excess_ns -= _PERIOD
-        self._overflow_count += 1
-        _append_bounded(self._overflows, frame)
-
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the counts of buffer levels and the smallest slack. The first set point of a session is left
-        out.
-        """
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

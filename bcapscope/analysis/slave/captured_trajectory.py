@@ -1,9 +1,7 @@
 """Extract the trajectory of each slave-mode session from the captured set points.
 
-Each slvMove call is one set point of the trajectory, even if the client retried the call. The time of a set
-point is the time of its first request. Refused set points are left out, because the controller did not take
-these set points. Set points without a captured reply are kept, because the controller may have taken these
-set points. Without these set points, a gap in the trajectory would look like a jump.
+Refused set points are left out, because the controller did not take them. Set points without a captured reply
+are kept, because the controller may have taken them, and a gap in the trajectory would look like a jump.
 """
 
 from __future__ import annotations
@@ -33,8 +31,6 @@ MAX_NOT_SELECTED = 64 * 2048
 
 
 class LeftOutReason(StrEnum):
-    """The reason why the trajectory does not contain a set point."""
-
     REFUSED = "refused"
     AFTER_END = "after-end"
     UNREADABLE = "unreadable"
@@ -50,7 +46,7 @@ class CapturedTrajectory:
     """Facts about a trajectory that was captured in a slave-mode session.
 
     Attributes:
-        session_number: Number of the slave-mode session, the same as in the output of ``slave``.
+        session_number: Number of the slave-mode session, as in the output of ``slave``.
         robot: Handle of the robot; None if the handle is unreadable.
         start: Time of the trajectory's first request, ns since 1970.
         has_stamps: Whether the replies contain the controller's time stamps.
@@ -70,7 +66,7 @@ class CapturedTrajectory:
 
 
 class TrajectoryStep(NamedTuple):
-    """One set point.
+    """One set point, which the client may have sent several times.
 
     Attributes:
         time: Time of the first request, ns since 1970.
@@ -94,17 +90,15 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Extracts set points from completed calls, and appends these set points to the list `ready`. The caller
-    must read and empty the list `ready`.
-    """
+    """Extracts set points from completed calls to the list `ready`, which the caller must read and empty."""
 
     def __init__(
         self,
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Create an extractor. `left_out` counts the set points that `is_selected` rejects. The extractor
-        ignores all set points of clients that `is_selected_client` rejects.
+        """Create an extractor. `left_out` counts the set points that `is_selected` rejects, but not those of
+        clients that `is_selected_client` rejects.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client
@@ -127,14 +121,12 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_set_points(calls))
 
     def finish(self) -> None:
-        """Append the remaining set points to the list `ready`, at the end of the traffic."""
+        """Append the remaining set points to `ready`, at the end of the traffic."""
         self._detector.process_waiting()
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """Number of set points that were left out, for each reason. The numbers are final only after
-        `finish`.
-        """
+        """Number of set points that were left out, for each reason; final only after `finish`."""
         counted = dict(self._left_out)
         after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted

@@ -1,8 +1,7 @@
 """Read poses and time stamps from many frames in one step.
 
 The frames of a slave-mode session's set points differ only in the serial, the reserved field and the numbers
-in their arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no
-problems. With the template, `ColumnReader` copies poses and time stamps from all similar frames into columns.
+in their arguments. So a template learned from one frame serves to copy the numbers of all similar frames.
 """
 
 from __future__ import annotations
@@ -23,25 +22,17 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates for each direction of a session. Frames that match no template are read one by
-one.
-"""
+"""Maximum number of templates for each direction of a session. Other frames are read one by one."""
 
 MAX_NUMBERS = 256
-"""If a frame has more numbers than this, it does not become a template. A set point has about
-twelve numbers.
-"""
+"""Maximum number of numbers in a template. A set point has about twelve."""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """Pose and time stamp in a frame: either their values, or their indexes among all numbers of the frame."""
 
 
 class PoseColumns:
-    """Columns of poses and time stamps, one row per frame; a missing pose or time stamp is NaN.
-
-    Attributes:
-        has_pose: For each row, whether the frame has a complete pose.
-    """
+    """Columns of poses and time stamps, one row per frame; a missing pose or time stamp is NaN."""
 
     def __init__(self, rows: int, axes: int) -> None:
         self.poses = np.full((rows, axes), np.nan)
@@ -50,8 +41,6 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """Bytes of a typical frame, and the positions of its variable bytes, its pose and its time stamp."""
-
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
         places = list(_number_positions(form.spans))
         self._mask = np.frombuffer(form.mask, np.uint8)
@@ -59,7 +48,7 @@ class _ColumnTemplate:
         self._fields = np.dtype(
             {
                 "names": [str(index) for index in range(len(places))],
-                "formats": [_NUMPY_CODES.get(code, f"S{code[:-1]}") for _, code in places],
+                "formats": [f"S{code[:-1]}" if "s" in code else f"<{code}" for _, code in places],
                 "offsets": [start for start, _ in places],
                 "itemsize": len(raw),
             }
@@ -68,14 +57,12 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return for each row of `data` whether its frame matches this template; None if all frames match."""
+        """Return for each row of `data` whether it matches this template; None if all rows match."""
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to `columns`. Row `i` of `data` is copied to
-        row `rows[i]` of `columns`. The frames must match this template.
-        """
+        """Copy row `i` of `data`, which must match this template, to row `rows[i]` of `columns`."""
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -91,9 +78,8 @@ class ColumnReader:
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
         """Create a reader for the argument with the index `argument`.
 
-        `pick` gets the argument, and returns the argument's pose and time stamp. A missing pose is (), a
-        missing time stamp is None. To learn a template, `ColumnReader` replaces each number in the argument
-        of `pick` with the index of the number. `pick` must choose numbers by position, never by value.
+        `pick` returns the argument's pose and time stamp. It must choose numbers by position, never by value:
+        to learn a template, `ColumnReader` replaces each number in the argument with its index.
         """
         self._argument = argument
         self._pick = pick
@@ -101,9 +87,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read the pose and the time stamp of each frame. `axes` is how many numbers a pose has. All frames
-        must have complete headers.
-        """
+        """Read `count` frames with complete headers, whose poses have `axes` numbers."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:
@@ -180,19 +164,6 @@ class ColumnReader:
             columns.poses[row] = pose[:axes]
         if stamp is not None:
             columns.stamps[row] = stamp
-
-
-_NUMPY_CODES = {
-    "B": "u1",
-    "h": "<i2",
-    "H": "<u2",
-    "i": "<i4",
-    "I": "<u4",
-    "q": "<i8",
-    "Q": "<u8",
-    "f": "<f4",
-    "d": "<f8",
-}
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:

@@ -18,30 +18,25 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""If time stamps advance by at least 30 per ms of capture time, their unit is µs. Time stamps in ms advance
-by 1 per ms, and time stamps in µs advance by 1000 per ms. The limit of 30 per ms is near the geometric
-mean of 1 per ms and 1000 per ms.
+"""If time stamps advance by at least this number per ms of capture time, their unit is µs. The limit is near
+the geometric mean of 1 (for time stamps in ms) and 1000 (for time stamps in µs).
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """Facts about the controller's clock and its time stamps. With receive format 0x010, replies contain
-    these time stamps.
+    """Facts about the controller's clock and its time stamps, which replies have in receive format 0x010.
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
-        unit_known_by: Message that says how the unit is known: from a captured slvRecvFormat call, or from
-            the rate of the time stamps.
+        unit_known_by: How the unit is known: from a slvRecvFormat call, or from the rate of the time stamps.
         drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
             the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
             time stamps.
         step: Difference of successive time stamps, ms; None for fewer than two time stamps.
-        missing: Number of periods between the first and the last time stamp for which no time stamp was
-            captured.
-        backwards: Number of time stamps that are earlier than the previous time stamp; a counter that wraps
-            does not count.
+        missing: Number of periods between the first and the last time stamp without a time stamp.
+        backwards: Number of time stamps that are earlier than the previous one, except where a counter wraps.
     """
 
     stamps: int
@@ -60,13 +55,12 @@ class ControllerClock:
     """Compares the controller's time stamps with the times at which the replies were captured.
 
     A time stamp is a signed 32-bit number. The client chooses the unit, ms or µs (DENSORobot/denso_robot_ros2
-    denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
-    network delay is nearly constant. Therefore a line through all pairs of time stamp and capture time has a
-    slope that shows the drift of the clocks.
+    denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. As the
+    network delay is nearly constant, a line through all pairs of time stamp and capture time shows the drift.
     """
 
     def __init__(self, microseconds: bool | None) -> None:
-        """Create the comparison. `microseconds` is None if the receive format is unknown."""
+        """`microseconds` is None if the receive format is unknown."""
         self._unit_known = microseconds is not None
         self._microseconds = microseconds
         self._first: tuple[int, int] | None = None  # stamp and time
@@ -96,9 +90,9 @@ class ControllerClock:
         if self._microseconds is None:
             self._microseconds = _counts_microseconds(ticks, seen)
         own = ticks / 1000.0 if self._microseconds else ticks.astype(np.float64)
-        begins = self._count == 0
-        self._count_steps(own, seen, unwrapped, begins)
-        self._add_to_line(own, seen - own)
+        self._count_steps(own, seen, unwrapped)
+        ahead = seen - own
+        self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
         self._count += len(raw)
         self._raw_last, self._ticks = int(raw[-1]), int(ticks[-1])
         self._last = float(own[-1]), float(seen[-1])
@@ -124,19 +118,16 @@ class ControllerClock:
             wraps=self._wraps,
         )
 
-    def _count_steps(self, own: Floats, seen: Floats, ticks: NDArray[np.int64], begins: bool) -> None:
+    def _count_steps(self, own: Floats, seen: Floats, ticks: NDArray[np.int64]) -> None:
         steps = np.diff(own, prepend=self._last[0])
         delays = np.diff(seen, prepend=self._last[1]) - steps
-        if begins:
+        if not self._count:
             steps, delays, ticks = steps[1:], delays[1:], ticks[1:]
         self._repeated += int((ticks == 0).sum())
         self._backwards += int((ticks < 0).sum())
         self._missing += int(np.clip(np.rint(steps / PERIOD_MS) - 1, 0, None).sum())
         self._step.add(steps)
         self._jitter.add(np.abs(delays))
-
-    def _add_to_line(self, own: Floats, ahead: Floats) -> None:
-        self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
 
     def _drift(self) -> float | None:
         """Return the slope of a least-squares line: how much faster the controller's clock runs, in ppm."""

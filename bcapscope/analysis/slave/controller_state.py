@@ -34,12 +34,9 @@ class ControllerState:
     """State of one controller.
 
     Attributes:
-        unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply; None if
-            there is no such call.
-        reported_mode: Slave mode that the controller reported outside a known slave-mode session, and the
-            command that showed this mode.
-        position: Latest position that the controller reported; None if the robot may have moved since that
-            report.
+        unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply.
+        reported_mode: Slave mode outside a known slave-mode session, and the command that showed this mode.
+        position: Latest reported position; None if the robot may have moved since.
     """
 
     def __init__(self) -> None:
@@ -64,18 +61,14 @@ class ControllerState:
             self._bytes_kept -= self.recent_calls.popleft().memory_bytes
 
     def calls_between(self, begin: int, end: int) -> list[Call]:
-        """Return the calls in `recent_calls` that overlap the time from `begin` to `end`, sorted by request
-        time.
-        """
+        """Return the recent calls that overlap the time from `begin` to `end`, sorted by request time."""
         found = [
             call for call in self.recent_calls if call.request.time <= end and call.last_activity >= begin
         ]
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Add a session without set points to `pending_sessions`. If `pending_sessions` is full, remove and
-        return the oldest pending session; otherwise return None.
-        """
+        """Add a session without set points. If there are too many, remove and return the oldest one."""
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:
             dropped = self.pending_sessions.pop(next(iter(self.pending_sessions)))
@@ -83,9 +76,7 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Remove and return the pending session with this key. If no pending session has this key, remove and
-        return the oldest pending session. Return None if no session is pending.
-        """
+        """Remove and return the pending session with this key, or else the oldest pending session, if any."""
         if not self.pending_sessions:
             return None
         oldest = next(iter(self.pending_sessions))
@@ -94,7 +85,7 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return and forget `unanswered_entry`. A set point has shown that this call succeeded."""
+        """Return and forget `unanswered_entry`, which succeeded, as a set point has shown."""
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

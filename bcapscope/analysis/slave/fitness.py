@@ -12,25 +12,18 @@ SYNC_MS, ASYNC_MS = 8.0, 1.0
 """Periods of set points in Sync and Async modes (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_LOST = 0.01
-"""Largest share of lost packets that retries can compensate. In Sync modes, a client can send seven retries,
-2 ms apart.
-"""
+"""Largest share of lost packets that retries, in Sync modes seven, 2 ms apart, can compensate."""
 
 
 class Fitness(NamedTuple):
-    """Whether a connection is fast enough to send one set point every `period_ms`."""
-
     period_ms: float
     fit: bool
     reason: Message
 
 
 def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
-    """Judge whether a connection is fast enough for set points every 8 ms and every 1 ms.
-
-    Args:
-        round_trips: Distribution of the round-trip times of the answered calls, ms; None if no call was
-            answered.
+    """Judge whether a connection is fast enough for set points every 8 ms and every 1 ms. The round-trip
+    times are in ms; None if no call was answered.
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:

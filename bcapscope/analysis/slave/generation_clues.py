@@ -23,12 +23,7 @@ _CONTROLLER_EXECUTE = ID["Controller_Execute"]
 
 
 class GenerationClue(NamedTuple):
-    """Evidence in the traffic for the generation of a controller.
-
-    Attributes:
-        strength: Weight of the clue. If two clues differ, the stronger clue is used. The weight 0 means that
-            there is no clue.
-    """
+    """Evidence in the traffic for the generation of a controller; with strength 0, there is none."""
 
     strength: int
     generation: Generation | None
@@ -41,12 +36,9 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Minimum strength of a clue to the controller's generation. If the clue is weaker, no rule reports that set
-points have the wrong number type for this generation.
-"""
+"""With a weaker clue, no rule reports that set points have the wrong number type for the generation."""
 
-# Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
-# The provider is only a weak clue, because an RC7 accepts any provider name.
+# Source: the samples in orin_bcap. The provider is no proof, because an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
 
 _COMMANDS = {
@@ -85,9 +77,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return what a call shows about the controller's generation; `NO_CLUE` for most calls. For set points,
-    use `clue_of_set_point`.
-    """
+    """Return what a call, other than a set point, shows about the controller's generation."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

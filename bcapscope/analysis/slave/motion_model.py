@@ -1,9 +1,8 @@
-"""The motion that set points command: steps, velocities and accelerations of each axis. Also the returned
-poses.
+"""The motion that set points command, and the returned poses.
 
 A step is the change of an axis's position from one set point to the next. A controller takes one set point
-per period, no matter when within the period the set point arrived. Therefore `MotionModel` computes velocity
-and acceleration as if the client sent exactly one set point per period.
+per period, no matter when within the period it arrived. Therefore `MotionModel` computes velocity and
+acceleration as if the client sent exactly one set point per period.
 """
 
 from __future__ import annotations
@@ -29,22 +28,18 @@ from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 
 JUMP_TIMES = 5.0
-"""A step is an isolated jump if it is more than five times as large as each neighbouring step.
-
-No robot can change its speed this much within 8 ms. In a normal motion, an axis that moves far in one
-period also moves far in a neighbouring period.
+"""A step is an isolated jump if it is more than this many times as large as each neighbouring step. No robot
+can change its speed this much within 8 ms.
 """
 
 SMALLEST_JUMP = 0.2
-"""Smallest distance between successive set points that can be a jump, in degrees or mm. Shorter distances
-are rounding errors or noise. At a cycle time of 8 ms, this distance means a speed of 25 degrees or mm per
-second.
+"""Smallest step that can be a jump, in degrees or mm: 25 per second at a cycle time of 8 ms. Shorter steps
+are rounding errors or noise.
 """
 
 LARGEST_STEP = 180.0
-"""Largest distance between successive set points that can be normal motion, in degrees or mm. A longer
-distance is always a jump. At a cycle time of 8 ms, this distance means a speed of 22,500 degrees or mm per
-second. No source gives a speed limit for every axis, but a speed of 22,500 is far above any limit.
+"""Largest step that can be normal motion, in degrees or mm: 22,500 per second at a cycle time of 8 ms. No
+source gives a speed limit for every axis, but this is far above any limit.
 """
 
 _FIGURE = "Fig"
@@ -52,9 +47,7 @@ _TURN = 360.0
 
 
 class Peak(NamedTuple):
-    """The largest value, such as the highest velocity, and the number of the request frame in which it
-    occurs.
-    """
+    """The largest value, such as the highest velocity, and the number of its request frame."""
 
     value: float
     frame: int
@@ -74,10 +67,9 @@ class AxisMotion:
         step: Absolute distance between successive set points; None for fewer than two set points.
         velocity: Absolute velocity in units per second; None for fewer than two set points.
         acceleration: Absolute acceleration in units per second squared; None for fewer than three set points.
-        difference: Absolute difference between the position in a request and the position in its reply; None
-            if no reply has a pose of the same type.
-        lag_cycles: Estimated lag of the returned pose behind the commanded pose, in set points; None if the
-            axis moves too little for an estimate.
+        difference: Absolute difference between the positions in a request and in its reply; None if no reply
+            has a pose of the same type.
+        lag_cycles: Estimated lag of the returned pose, in set points; None if the axis moves too little.
     """
 
     name: str
@@ -96,14 +88,10 @@ class AxisMotion:
 
 
 class JumpKind(Enum):
-    """How a jump differs from normal motion."""
-
     ISOLATED = "isolated"
     """The step is far larger than the step before it and the step after it."""
     OUTLIER = "outlier"
-    """A single set point is away from the path of the set points around it. The axis jumps to this set point
-    and then jumps back.
-    """
+    """The axis jumps to a single set point away from its path, and then jumps back."""
     IMPLAUSIBLE = "implausible"
     """The step is larger than `LARGEST_STEP`."""
 
@@ -113,7 +101,7 @@ class Jump(NamedTuple):
 
     Attributes:
         frame: Number of the request frame that commands the jump.
-        time: Time of the request that commands the jump, ns since 1970.
+        time: Time of this request, ns since 1970.
         axis: Name of the axis with the largest step.
         step: Signed step of `axis`, in degrees or mm.
     """
@@ -129,26 +117,22 @@ class Jump(NamedTuple):
 class MotionFacts:
     """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
-    If the controller refuses a set point because the buffer is full, the client sends the set point again.
-    The facts leave out set points that the controller refused because of a full buffer.
+    Set points that the controller refused because of a full buffer are left out, because the client sends
+    them again.
 
     Attributes:
         read: Number of set points with a readable pose.
         unread: Number of set points whose pose is unreadable or of another type.
-        not_finite: Number of set points with a NaN or an infinity. All other figures leave out set
-            points with a NaN or an infinity.
-        not_finite_frames: Frame numbers of the requests with a NaN or an infinity, at most `MAX_LISTED`.
+        not_finite: Number of set points with a NaN or an infinity, which all other figures leave out.
+        not_finite_frames: Frame numbers of the first requests with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
         repeated: Number of set points that are equal to the previous set point.
-        stutters: Number of repeated set points in the middle of a motion. Each stutter makes the robot stop
-            for one period.
-        stutter_frames: Frame numbers of the requests that made the robot stutter, at most `MAX_LISTED`.
+        stutters: Number of repeated set points in the middle of a motion; each stops the robot for a period.
+        stutter_frames: Frame numbers of the first requests that made the robot stutter.
         jumps: Number of jumps of all kinds (see `JumpKind`).
-        figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for
-            joint positions.
-        first_distance: First set point minus the robot's position at that time, per axis; () if the position
-            is unknown.
+        figure_changes: How often the value Fig (the posture) changes; 0 for joint positions.
+        first_distance: First set point minus the robot's position at that time, per axis; () if unknown.
     """
 
     read: int
@@ -171,8 +155,6 @@ class MotionFacts:
 
 
 class KnownPosition(NamedTuple):
-    """A position of the robot that the controller reported before the slave-mode session."""
-
     pose_type: PoseType
     values: tuple[float, ...]
     known_by: Message
@@ -213,8 +195,6 @@ class _FigureByAxis:
 
 
 class MotionModel:
-    """Computes facts about motion from the poses of a slave-mode session, which must be added in order."""
-
     def __init__(
         self,
         axes: Sequence[Axis],
@@ -252,7 +232,9 @@ class MotionModel:
         finite: Bools = np.logical_and.reduce(np.isfinite(commanded.poses), axis=1)
         good = readable & finite
         self._unread += int((taken & ~readable).sum())
-        self._list_not_finite(rows.frames[readable & ~finite].tolist())
+        not_finite = rows.frames[readable & ~finite].tolist()
+        self._not_finite_count += len(not_finite)
+        self._not_finite += not_finite[: MAX_LISTED - len(self._not_finite)]
         self._read += int(good.sum())
         poses, frames, times = commanded.poses[good], rows.frames[good], rows.origin + rows.times[good]
         if not len(poses):
@@ -266,8 +248,8 @@ class MotionModel:
     def _start_distance(
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> _StartDistance:
-        """Return the first set point's distance from the pose in its reply. If the reply has no pose, return
-        the distance from the position that the controller last reported before the session.
+        """Return the first set point's distance from the pose in its reply, or else from the position that
+        the controller last reported before the session.
         """
         first, position, axes = commanded.poses[0], self._position, len(self._axes)
         if not axes or not np.isfinite(first).all():
@@ -282,10 +264,6 @@ class MotionModel:
                 evidence = *position.frames, int(rows.frames[0])
                 return _StartDistance(tuple((first - actual).tolist()), position.known_by, evidence)
         return _StartDistance()
-
-    def _list_not_finite(self, frames: list[int]) -> None:
-        self._not_finite_count += len(frames)
-        self._not_finite += frames[: MAX_LISTED - len(self._not_finite)]
 
     def _compare_returned(
         self, commanded: Floats, returned: Floats, answered: Bools, frames: NDArray[np.int64]
@@ -326,7 +304,6 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. The new steps begin at index `new`."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -362,9 +339,6 @@ class MotionModel:
         return steps
 
     def facts(self, grid_ms: float) -> MotionFacts:
-        """Return the facts about all set points added so far. Velocities and accelerations assume one set
-        point every `grid_ms`.
-        """
         start = self._start or _StartDistance()
         return MotionFacts(
             read=self._read,

@@ -1,8 +1,7 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
-A client may pause or slow down while the robot stands still, and may wait longer after lost packets. A cycle
-from one set point to the next counts only if the robot moves to both set points. A cycle does not count if
-its first set point was retried or unanswered.
+A cycle from one set point to the next counts only if the robot moves to both set points, because a client may
+slow down while the robot stands still. It must not follow a retried or unanswered set point.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
-"""Longest cycle in ms that counts for the pace. A cycle longer than `LONGEST_CYCLE_MS` is a pause."""
+"""A longer cycle is a pause."""
 
 PROMPT_MS = 1.0
 """If a client waits only for the reply, its next set point follows the reply within this time in ms."""
@@ -46,19 +45,14 @@ class MotionPace(NamedTuple):
 
 
 class MotionPaceModel:
-    """Measures the pace of set points. The caller must add the set points in order."""
-
     def __init__(self) -> None:
         self._cycles, self._on_time = Histogram(), Histogram()
         self._prompt = 0
         self._last_reply = np.nan
 
     def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
-        """Add set points. `cycles` has the cycle time before each set point, ms; NaN if unknown.
-
-        Args:
-            in_motion: For each set point, whether the robot moves to this and to the previous set point.
-            grid_ms: Cycle time that the client should keep, in ms.
+        """Add set points, with the cycle time before each in ms (NaN if unknown), and with whether the robot
+        moves to each and to the previous set point.
         """
         # After lost packets, the time to the next set point does not show the client's pace.
         undisturbed = rows.answered & (rows.retries == 0)
@@ -73,7 +67,6 @@ class MotionPaceModel:
         self._on_time.add(paced[paced < _SKIPPED * grid_ms])
 
     def facts(self) -> MotionPace | None:
-        """Return the pace; None if the robot did not move in any cycle."""
         every, on_time = self._cycles.distribution(), self._on_time.distribution()
         if every is None:
             return None

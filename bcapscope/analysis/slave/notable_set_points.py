@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_LISTED = 64
-"""Maximum number of entries in each list of notable set points. If there are more notable set points, most
-lists contain only the first `MAX_LISTED`.
-"""
+"""Maximum number of entries in each list of notable set points, which are usually the first ones."""
 
 
 class SetPointFact(NamedTuple):

@@ -18,15 +18,15 @@ _HEAD = 7
 
 
 class PlotSample(NamedTuple):
-    """Summary of successive set points for plots.
+    """Summary of successive set points for plots. An unknown number is NaN.
 
     Attributes:
-        cycle_least: Shortest cycle time in the sample, in ms; NaN if no cycle time is known.
-        cycle_most: Longest cycle time in the sample, in ms; NaN if no cycle time is known.
-        latency_most: Longest latency in the sample, ms; NaN if no reply was captured.
-        slack_least: Smallest slack in the sample, ms (see `BufferFacts.smallest_slack_ms`); NaN for the very
-            first set point.
-        returned: Pose in the reply to the sample's first set point; NaN if no pose was returned.
+        time: Time of the first set point, ns since 1970.
+        cycle_least: Shortest cycle time in the sample, ms.
+        cycle_most: Longest cycle time in the sample, ms.
+        latency_most: Longest latency in the sample, ms.
+        slack_least: Smallest slack in the sample, ms (see `BufferFacts.smallest_slack_ms`).
+        returned: Pose in the reply to the sample's first set point.
     """
 
     time: int
@@ -41,9 +41,7 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples. If there are more than `MAX_SAMPLES` samples, the sampler
-    merges every two neighbouring samples into one sample.
-    """
+    """Summarises successive set points as samples, in pairs whenever there are more than `MAX_SAMPLES`."""
 
     def __init__(self, axes: int, origin: int) -> None:
         self._axes = axes
@@ -59,8 +57,8 @@ class PlotSampler:
         figures: tuple[Floats, Floats, Floats],
         poses: tuple[Floats, Floats],
     ) -> None:
-        """Add set points. `times` are in ns since `origin`. `figures` are the cycle times, latencies and
-        slacks in ms; NaN where a value is missing.
+        """Add set points. `times` are in ns since `origin`. `figures` are cycle times, latencies and slacks
+        in ms, with NaN for a missing value.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))

@@ -14,7 +14,7 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 class SelectedSlaveSessions(PipelineSubscriber):
     """Finds the slave-mode sessions with set points that `is_selected` accepts. `is_selected` tests only set
-    points, because other calls may begin or end a session.
+    points, because other calls may begin or end a session. If it is None, all sessions are found.
     """
 
     def __init__(
@@ -23,13 +23,6 @@ class SelectedSlaveSessions(PipelineSubscriber):
         on_slave_session: Callable[[SlaveSession], object],
         window: int | None = None,
     ) -> None:
-        """Create a detector of selected slave-mode sessions.
-
-        Args:
-            is_selected: Function that returns whether a set point is selected; None to find all sessions,
-                even sessions without set points.
-            on_slave_session: Function that receives each complete session.
-        """
         self._is_selected = is_selected
         self._on_slave_session = on_slave_session
         self._detector = SlaveSessionDetector(window)

@@ -17,9 +17,7 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Maximum number of set points that are processed together. Larger batches need more than 2 MB and are not
-faster.
-"""
+"""Number of set points that are processed together. Larger batches need over 2 MB and are not faster."""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
@@ -28,20 +26,18 @@ SessionKey: TypeAlias = "tuple[Conversation, bytes]"
 """The conversation of a client, and the raw bytes of the robot's handle."""
 
 SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
-"""Function that receives the set points of all sessions, up to `BATCH_SIZE` at a time."""
 
 
 class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of the client that sends the set points. Before the first set
-            point, `key` has the conversation and robot handle of the client that entered slave mode.
+        key: Conversation and robot handle of the client that sends the set points; before the first set
+            point, of the client that entered slave mode.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
-        last_accepted: Time when the latest accepted set point was first sent, ns since 1970; None if no
-            processed set point was accepted.
+        last_accepted: Time when the latest accepted set point was first sent, ns since 1970.
     """
 
     def __init__(
@@ -87,14 +83,11 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Latest of these times, ns since 1970: last set point, reply to the last set point, and
-        `entered_at`. If the session has none of these times, `last_activity` is 0.
-        """
+        """Time of the last set point, of its reply, or `entered_at`, ns since 1970; 0 if there is none."""
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
 
     def began_at(self, ended_at: int) -> int:
-        """Return the start time of the session, ns since 1970; if the start is unknown, return `ended_at`."""
         if self.entered_at is not None:
             return self.entered_at
         if self._first_set_point is not None:
@@ -102,15 +95,13 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the set points in `batch`, and empty `batch`. `process_batch` uses `slave_setup` only for
-        the first set points of the session.
-        """
+        """Process and empty `batch`. Only the first set points of a session need `slave_setup`."""
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a builder that has processed the set points in `batch`. Leave this builder unchanged."""
+        """Return a builder that has processed `batch`. Leave this builder unchanged."""
         if not self.batch:
             return self
         processed = copy.copy(self)
@@ -140,9 +131,7 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the facts as a `SlaveSession`; `exit_` describes how the session ended. The `SlaveSession`
-        does not include the set points in `batch`.
-        """
+        """Return the facts, without the set points in `batch`."""
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
@@ -176,10 +165,9 @@ class SlaveSessionBuilder:
 
 
 class SetPointChunk(NamedTuple):
-    """Successive set points of one slave-mode session, including refused set points.
+    """Successive set points of one slave-mode session, including refused ones, that `models` has processed.
 
     Attributes:
-        models: Models of the session. The models have already processed the set points in `table`.
         returned: Poses and time stamps in the replies; the poses have the same type as in the requests.
     """
 

@@ -33,37 +33,29 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Time in ns from the end of a session until the detector returns the session. During this time, the detector
-may get the call that shows why the session ended.
+"""Time in ns from the end of a session until the detector returns it. Meanwhile, the detector may get the
+call that shows why the session ended.
 """
 
 SILENCE_NS = 1_000_000_000
-"""If a session is silent for longer than this time in ns when the capture ends, the client counts as stopped.
-"""
+"""A client counts as stopped if it was silent for longer than this time (ns) when the capture ended."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
 """Maximum time in ns between a failed call that ended slave mode and the reply that shows slave mode off."""
 
 STILL_TAKING_NS = 200_000_000
 """After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
-No source states the value of `STILL_TAKING_NS`. bcapscope assumes that the robot brakes along its path for
-at most 25 cycles of 8 ms.
+No source states this value. bcapscope assumes that the robot brakes for at most 25 cycles of 8 ms.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""`SlaveSession.other_calls` covers the time from `BEFORE_NS` before the session to `AFTER_NS` after the
-session, in ns.
-"""
+"""`SlaveSession.other_calls` includes calls this long before and after the session, ns."""
 
 MAX_SESSIONS = 64
-"""Maximum number of open sessions. If there are more open sessions, the detector ends the session that was
-silent longest.
-"""
+"""Maximum number of open sessions. If there are more, the session that was silent longest ends."""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended sessions that are held back. If more ended sessions are held back, the detector
-returns the oldest session immediately.
-"""
+"""Maximum number of ended sessions that are held back. If there are more, the oldest is returned."""
 
 MAX_CONTROLLERS = 64
 
@@ -72,8 +64,6 @@ _HANDLE = slice(15, 29)
 
 
 class _EndedSession(NamedTuple):
-    """A session that has ended, but that the detector has not returned yet (see `HOLD_BACK_NS`)."""
-
     builder: SlaveSessionBuilder
     exit: SessionExit
     slave_setup: SlaveSetup
@@ -86,11 +76,8 @@ class SlaveSessionDetector:
     """
 
     def __init__(self, window: int | None = None, on_set_points: SetPointHandler | None = None) -> None:
-        """Create a detector of slave-mode sessions.
-
-        Args:
-            window: Length in ns of the time slices for which figures are computed; None for no slices.
-            on_set_points: Function that receives set points after the session's models processed them.
+        """`window` is the length in ns of the time slices for which figures are computed. `on_set_points`
+        receives the set points of all sessions, up to `BATCH_SIZE` at a time.
         """
         self._window = window
         self._on_set_points = on_set_points
@@ -113,9 +100,7 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add successive set points of one client that are alike (see `AlikeSetPoints`). Return the sessions
-        that are now complete.
-        """
+        """Add successive alike set points of one client (see `AlikeSetPoints`), as `add_call` does."""
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
@@ -147,15 +132,11 @@ class SlaveSessionDetector:
         self._held_back = deque(
             each for each in self._held_back if each.builder.conversation is not conversation
         )
-        return tuple(map(self._release, found))
+        return tuple(map(self._make_session, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the sessions that were not returned yet, as if the traffic ended now. This method changes
-        nothing.
-
-        Args:
-            ended_at: Time in ns since 1970. The traffic ended at `ended_at` or at the last frame, whichever
-                is later.
+        """Return the sessions that were not returned yet, as if the traffic had ended at `ended_at` or at the
+        last frame, whichever is later. This method changes nothing.
         """
         # Cached, because a live diagnosis needs the result twice; computing it can take 13 ms.
         unfinished = self._unfinished
@@ -167,10 +148,8 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process all set points that the detector has stored but not processed. Pass these set points to
-        `on_set_points`.
-        """
-        for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
+        """Process all stored set points, and pass them to `on_set_points`."""
+        for builder in self._unfinished:
             self._process_batch(builder)
 
     @property
@@ -180,8 +159,6 @@ class SlaveSessionDetector:
             builder for known in self._controllers.values() for builder in known.pending_sessions.values()
         )
         return (*self._active.values(), *waiting)
-
-    # set points
 
     def _on_set_point(self, call: Call, effect: SlaveModeEffect | None) -> None:
         key = call.conversation, call.request.item.body[_HANDLE]
@@ -245,12 +222,9 @@ class SlaveSessionDetector:
         if builder is None:
             builder = self._recently_ended.get(key)
         else:
-            found = _exit_by_call(ExitReason.FOUND_OFF, call)
-            self._end_session(builder, found)
+            self._end_session(builder, _exit_by_call(ExitReason.FOUND_OFF, call))
         if builder is not None:
             builder.after_end += 1
-
-    # other calls
 
     def _on_other_call(self, call: Call, effect: SlaveModeEffect | None) -> None:
         controller = self._controller(call)
@@ -317,8 +291,6 @@ class SlaveSessionDetector:
             if builder.conversation is call.conversation and handle in (None, builder.handle):
                 self._end_session(builder, _exit_by_call(ExitReason.DISCONNECTED, call))
 
-    # ends
-
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
         """End a session. If the session has an `error_exit`, ignore `exit_`."""
         controller = self._controller_of(builder)
@@ -333,7 +305,6 @@ class SlaveSessionDetector:
         self._held_back.append(_EndedSession(builder, builder.error_exit or exit_, slave_setup))
 
     def _ended_with_traffic(self, builder: SlaveSessionBuilder, ended_at: int) -> _EndedSession:
-        """Return an open session as if the traffic had ended at `ended_at`. The session stays open."""
         last = builder.last_activity
         reason = ExitReason.SILENT if ended_at - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
         exit_ = builder.error_exit or SessionExit(reason, last, (), None, None)
@@ -344,23 +315,15 @@ class SlaveSessionDetector:
         sessions = []
         ended = self._held_back
         while ended and (ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
-            sessions.append(self._release(ended.popleft()))
+            sessions.append(self._make_session(ended.popleft()))
         return sessions
-
-    def _release(self, ended: _EndedSession) -> SlaveSession:
-        session = self._make_session(ended)
-        ended.builder.process_batch(ended.slave_setup)
-        return session
 
     def _make_session(self, ended: _EndedSession) -> SlaveSession:
         builder = ended.builder
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # The batch may still hold set points. `processed` adds them to the session's figures.
-        return builder.processed(ended.slave_setup).session(
-            exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
-        )
+        return builder.session(exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:])))
 
     def _process_batch(self, builder: SlaveSessionBuilder) -> None:
         builder.process_batch(self._slave_setup(builder))
@@ -385,14 +348,8 @@ def _call_end(call: Call) -> int:
     return call.request.time if call.reply is None else call.reply.time
 
 
-def _call_frames(call: Call) -> tuple[int, ...]:
-    return (call.request.number,) if call.reply is None else (call.request.number, call.reply.number)
-
-
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a session ended. If the set points do not show why the session ended, search the
-    recent calls that are not set points.
-    """
+    """Return how a session ended. If its set points do not show this, search the other recent calls."""
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
@@ -416,7 +373,8 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
+    own = tuple(seen.number for seen in (call.request, call.reply) if seen is not None)
+    return SessionExit(reason, _call_end(call), (*own, *frames), call.hresult, call_fact(call))
 
 
 def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:

@@ -1,6 +1,4 @@
-"""All models of one slave-mode session: its timing, the buffer, the controller's clock, the motion, and the
-counts of set points.
-"""
+"""All models of one slave-mode session: timing, buffer, clock, motion, and the counts of set points."""
 
 from __future__ import annotations
 
@@ -38,9 +36,7 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 
 MAX_CODES = 256
-"""Maximum number of refusal codes that a session counts separately. If a session has more than
-`MAX_CODES` refusal codes, the remaining codes are counted together as code 0.
-"""
+"""Maximum number of refusal codes that a session counts separately. Further codes count as code 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -54,11 +50,7 @@ _TINY_STEP = 0.02
 
 
 class SlaveSetup(NamedTuple):
-    """Facts that are known before the first set point: slave mode, formats and the robot's position.
-
-    Attributes:
-        known_by: Name of the command, such as slvChangeMode, from which `mode_value` is known.
-    """
+    """Facts that are known before the first set point. The command `known_by` shows `mode_value`."""
 
     mode_value: int | None
     known_by: str
@@ -83,14 +75,14 @@ def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode
 
 
 class SessionModels:
-    """Passes the set points of one slave-mode session to all its models."""
-
     def __init__(
         self, transport: Transport, slave_setup: SlaveSetup, batch: SetPointBatch, window: int | None
     ) -> None:
         self.slave_setup = slave_setup
         self.origin = batch[0].time if batch else 0
-        send, receive = _formats(slave_setup)
+        sent, received = slave_setup.send_format, slave_setup.receive_format
+        send = None if sent is None else SendFormat.parse(sent.value)
+        receive = None if received is None else ReceiveFormat.parse(received.value, received.microseconds)
         mode = slave_setup.mode_value
         pose_type = None if mode is None else pose_type_of_mode(mode)
         pose = _first_pose(batch, pose_type, send, receive)
@@ -102,9 +94,7 @@ class SessionModels:
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
         self.pace = MotionPaceModel()
         self.buffer = BufferModel(rules, self.origin)
-        self.clock = ControllerClock(
-            None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
-        )
+        self.clock = ControllerClock(None if received is None else received.microseconds)
         guessed = pose.guessed if pose else False
         self.motion = MotionModel(self.axes, pose_type, guessed, slave_setup.position)
         self.sampler = PlotSampler(len(self.axes), self.origin)
@@ -168,9 +158,7 @@ class SessionModels:
         return ((), 0) if self._slicer is None else self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Return for each set point how many attempts before it were not captured. Skipped serials show these
-        attempts.
-        """
+        """Return how many uncaptured attempts precede each set point, as skipped serials show."""
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))
@@ -182,11 +170,10 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if
-        unknown.
+        """For each set point, return 1 if the robot moves to it, 0 if it stands still, and -1 if unknown. The
+        result begins with the last set point of the previous batch.
 
-        The result begins with the last set point of the previous batch. A step that is tiny compared with the
-        largest step so far does not count, because a smooth motion ends with tiny steps.
+        A tiny step does not count, because a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
@@ -228,14 +215,6 @@ class SessionModels:
         if self.forbids_retries and len(self.forbidden_retries) < MAX_LISTED:
             self.forbidden_retries += [request.number for request in call.attempts[call.first_attempt_seen :]]
             del self.forbidden_retries[MAX_LISTED:]
-
-
-def _formats(slave_setup: SlaveSetup) -> tuple[SendFormat | None, ReceiveFormat | None]:
-    send, receive = slave_setup.send_format, slave_setup.receive_format
-    return (
-        None if send is None else SendFormat.parse(send.value),
-        None if receive is None else ReceiveFormat.parse(receive.value, receive.microseconds),
-    )
 
 
 def _pick_command(

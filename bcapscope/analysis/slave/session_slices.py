@@ -13,7 +13,7 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of kept slices: nearly three hours in slices of one second. Further ones are counted."""
+"""Maximum number of kept slices: nearly three hours in slices of one second."""
 
 
 class SessionSlice(NamedTuple):
@@ -21,9 +21,9 @@ class SessionSlice(NamedTuple):
 
     Attributes:
         begin: Start of the slice, ns since 1970.
-        unanswered: Number of set points without a reply. Set points that were evicted from memory, or that
-            were still open at the end of the capture, do not count.
-        cycle: Cycle times in the slice, in ms; None if no cycle time is known.
+        unanswered: Number of set points without a reply, except those that were evicted from memory or still
+            open at the end of the capture.
+        cycle: Cycle times in the slice, ms; None if no cycle time is known.
         latency: Latencies of the answered set points in the slice, ms; None if no set point was answered.
         smallest_slack_ms: Smallest slack in the slice, ms (see `BufferFacts`); None if no slack is known.
     """
@@ -57,8 +57,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points. `cycles` and `slacks` are in ms; NaN if unknown. A slice that has ended is not
-        reopened: a set point with an earlier time counts in the current slice.
+        """Add set points. `cycles` and `slacks` are in ms; NaN if unknown. A set point with a time before the
+        current slice counts in the current slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:
@@ -70,7 +70,7 @@ class SessionSlicer:
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
-        """Return all slices with set points, including the latest, and how many slices were left off."""
+        """Return the slices with set points, and how many further ones were left off."""
         latest = [] if self._open is None else [self._slice(self._open)]
         slices = (*self._finished, *latest)
         return slices[:MAX_SLICES], self._left_off + len(slices[MAX_SLICES:])

@@ -14,14 +14,11 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""A frame with more bytes than this is stored separately. The frame of a set point has about a tenth of this
-size.
-"""
+"""A frame with more bytes than this is stored separately. A set point has about a tenth of this size."""
 
 LATEST_TIME = (1 << 62) - 1
-"""Latest time that can be stored, in ns since 1970; it is in the year 2116. With this limit, the difference
-between any two stored times fits into 64 bits. A later time, which only a damaged capture contains, is stored
-as `LATEST_TIME`.
+"""Latest time that can be stored, in ns since 1970: in the year 2116. So the difference between any two times
+fits into 64 bits. Only a damaged capture contains later times, which are stored as `LATEST_TIME`.
 """
 
 _SERIAL = slice(5, 7)
@@ -32,7 +29,7 @@ class FrameBytes:
 
     Attributes:
         size: Size in bytes of each frame in `data`; 0 until the first frame is added to `data`.
-        data: All frames that are `size` bytes long. For each frame of another size, `data` has zeros.
+        data: All frames of this size, with zeros in place of frames of another size.
     """
 
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
@@ -43,7 +40,6 @@ class FrameBytes:
             self.add(place, raw)
 
     def add(self, index: int, raw: bytes) -> None:
-        """Add a frame. `size` becomes the length of the first frame that has at most `LARGE_FRAME` bytes."""
         if not self.size and 0 < len(raw) <= LARGE_FRAME:
             self.size = len(raw)
             self.data += bytes(self.size * index)
@@ -68,15 +64,12 @@ class FrameBytes:
         return found
 
     def clear(self) -> None:
-        """Remove all frames. The attribute `size` does not change."""
         self.data = bytearray()
         self.odd_sized = {}
 
 
 class SetPointRow(NamedTuple):
-    """Call number, frame numbers and times of a set point. Times are in ns since 1970. Without a reply,
-    `reply_time` equals `time`.
-    """
+    """A set point, with times in ns since 1970. Without a reply, `reply_time` equals `time`."""
 
     call: int
     frame: int
@@ -94,10 +87,10 @@ class SetPointBatch:
 
     Attributes:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
-        irregular: Index and call of each irregular set point. A set point is irregular if it was retried, was
-            not answered with S_OK, or has a frame of unusual size.
-        other_attempts: The keys are indexes of set points. Each value is the number of attempts of other
-            calls that the client sent since the previous set point.
+        irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
+            frame of unusual size.
+        other_attempts: For indexes of set points, the number of attempts of other calls that the client sent
+            since the previous set point.
     """
 
     def __init__(self) -> None:
@@ -115,7 +108,6 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add_other_call(self, call: Call) -> None:
-        """Count the attempts of a call that comes from the same client, but does not belong to this batch."""
         self._attempts_since += len(call.attempts)
 
     def _note_other_attempts(self) -> None:

@@ -22,11 +22,9 @@ class SetPointTable:
     Times are in ns since `origin`. Frames are given by their observation numbers.
 
     Attributes:
-        origin: Time from which all times in the table are counted, in ns since 1970-01-01 UTC.
-        arrivals: For each set point, the time of the attempt that was answered; if no reply was captured, the
-            time of the first request.
-        replies: For each set point, the time of the accepted reply; if no reply was captured, the same time
-            as in `times`.
+        origin: Time from which all times in the table are counted, in ns since 1970.
+        arrivals: Times of the attempts that were answered; without a captured reply, same as in `times`.
+        replies: Times of the accepted replies; without a captured reply, same as in `times`.
         open: For each set point without a captured reply, whether it may have been answered: the capture
             ended before the reply, or the call was evicted from memory.
         codes: HRESULT of each reply; 0 if no reply was captured.
@@ -55,9 +53,7 @@ class SetPointTable:
         return taken
 
     def fact(self, row: int, cycles: Floats) -> SetPointFact:
-        """Return the facts about one set point. `cycles` has the cycle time before each set point, ms; NaN
-        for the very first set point.
-        """
+        """`cycles` has the cycle time before each set point, ms; NaN for the very first set point."""
         answered, cycle = bool(self.answered[row]), float(cycles[row])
         return SetPointFact(
             call=self.calls[row],
@@ -71,9 +67,7 @@ class SetPointTable:
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the set points of a batch as columns, with times relative to `origin`. The batch must not be
-    empty.
-    """
+    """Return the set points of a batch that is not empty, with times relative to `origin`."""
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

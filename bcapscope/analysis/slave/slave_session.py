@@ -1,8 +1,7 @@
-"""Facts about one slave-mode session, stored in plain fields.
+"""Facts about one slave-mode session.
 
 Times are in ns since 1970-01-01 UTC. Durations are in ms. Frames are given by their observation numbers. If a
-list could grow long in a bad capture, it has only the first few entries, and a separate field has their total
-number.
+list could grow long, it has only the first few entries, and a separate field has their total number.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from bcapscope.traffic.observation import Conversation, Endpoint
 
 
 class FrameTime(NamedTuple):
-    """The number of a frame, and the time when the frame was captured."""
+    """The number of a frame, and its capture time in ns since 1970."""
 
     frame: int
     time: int
@@ -60,8 +59,8 @@ class KnownMode(NamedTuple):
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
         meaning: Slave mode that `value` selects on this generation of controllers; None if `value` is
-            undefined or unknown. If the generation is unknown, `meaning` is a slave mode of the RC8.
-        guessed: True if `meaning` assumes an RC8, because the generation is unknown.
+            undefined or unknown.
+        guessed: Whether `meaning` assumes an RC8, because the generation is unknown.
         pose_type: Pose type of the set points. If the mode is unknown, the number of values in a pose shows
             the pose type.
     """
@@ -94,9 +93,7 @@ class ExitReason(StrEnum):
     LEFT = "left"
     """The client left slave mode with slvChangeMode 0."""
     CHANGED = "changed"
-    """The client called slvChangeMode, and thereby entered another slave mode, or the same slave mode
-    again.
-    """
+    """The client entered another slave mode, or the same slave mode again, with slvChangeMode."""
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
@@ -146,14 +143,12 @@ class SetPointCounts:
         open: Number of set points that waited for a reply when the capture ended.
         not_followed: Number of set points that bcapscope evicted from memory before a reply arrived.
         not_captured: Number of set points whose reply the capture lacks (see `Outcome.NOT_CAPTURED`).
-        buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes these set
-            points.
+        buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes them.
         after_end: Number of set points that were refused or unanswered because the session had ended; no
-            other field includes these set points.
+            other field includes them.
         by_retries: Number of set points for each number of retries, including 0.
-        retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the set
-            point in the buffer; retries in this mode waste bandwidth (DENSO Wave 2009, How to use the Slave
-            mode).
+        retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the one in
+            the buffer, so that retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -182,25 +177,20 @@ class SlaveSession:
         number: Number of the slave-mode session in the order of start times, counted from 1.
         robot: Handle of the robot; None if no captured frame shows it.
         mode: Slave mode, and how it is known.
-        exit: When and how the session ended.
-        counts: Counts of set points by what happened to each of them.
-        timing: Cycle times, jitter and latencies of the set points.
         buffer: Estimated level of the controller's buffer.
         refused_set_points: First set points that the controller refused.
         slices_left_off: Number of slices that are missing from `slices`, because there were too many.
         samples: Set points for charts; each can stand for several neighbouring set points.
-        entry_call: The slvChangeMode call that began the session; None if the session began before the
-            capture.
-        entered_at: Time when the session began: the time of the reply to `entry_call`; if there is no such
-            reply, the time of the first set point.
+        entry_call: The slvChangeMode call that began the session; None if it was not captured.
+        entered_at: Time of the reply to `entry_call`; without such a reply, time of the first set point.
         send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
         pace: Pace of the set points while the robot moves; None if the capture shows no motion.
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
-        other_calls: Latest calls that any client made to this controller during the session and shortly
-            before or after, in chronological order. The list `other_calls` does not include set points.
+        other_calls: Latest calls, except set points, that any client made to this controller during the
+            session and shortly before or after, in chronological order.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 
@@ -230,7 +220,6 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
-        """Whether the capture lacks the call that began the session."""
         return self.entry_call is None
 
     @property

@@ -19,14 +19,10 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended period in ms for modes in which a new set point replaces the waiting set point (DENSO Wave
-2009).
-"""
+"""Recommended period in ms for modes in which a new set point replaces the waiting one (DENSO Wave 2009)."""
 
 FAST_BELOW_MS = 3.0
-"""Limit in ms for slave modes without a fixed period. A session with a shorter median cycle time has a period
-of 1 ms, not 8 ms.
-"""
+"""In modes without a fixed period, a session with a shorter median cycle time has a period of 1 ms, not 8."""
 
 MAX_SLOWEST = 16
 _ON_GRID = 0.1
@@ -67,14 +63,12 @@ class TimingFacts:
         jitter: Absolute difference of each cycle time from `grid_ms`, ms; None for fewer than two set points.
         on_grid: Number of cycles that differ from `grid_ms` by at most 10 %.
         skipped: Number of cycles that are at least one and a half times as long as `grid_ms`.
-        backwards: Number of set points with an earlier time than the previous set point; `cycle` does not
-            include them.
+        backwards: Number of set points, not in `cycle`, with an earlier time than the previous set point.
         rate_hz: Set points per second over the whole slave-mode session; None for fewer than two set points.
         latency: Time from the first request to the accepted reply, ms; None if no reply was captured.
         rtt: Time from the answered attempt to the accepted reply, ms; None if no reply was captured.
         slowest: The slowest set points: first those without a reply, then those with the longest latency.
-        slack_ms: Time until a full buffer is empty if no new set point arrives, ms (see
-            `buffer_model.slack_ms`).
+        slack_ms: Time until a full buffer is empty if no new set point arrives, ms.
         gaps: Number of cycles longer than `slack_ms`.
     """
 
@@ -107,15 +101,13 @@ def _ros_deadline(case: str, timeout_ms: float) -> Deadline:
 _SYNC = Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry"))
 _ASYNC = Message("timeout.async", timeout=Quantity(2, "ms"))
 
+# Time-outs for slvMove, the modes to which each applies, and whether it applies only to UDP.
 RECOMMENDED_TIMEOUTS: tuple[tuple[Deadline, tuple[ModeKind, ...], bool], ...] = (
     (_deadline(_SYNC, 2.0, 8, _GUIDE), (ModeKind.SYNC,), True),
     (_deadline(_ASYNC, 2.0, 1, _GUIDE), (ModeKind.ASYNC, ModeKind.MODE_1), True),
     (_ros_deadline("ros-mode-2", 16.0), (ModeKind.MODE_2,), False),
     (_ros_deadline("ros-modes-0-1", 8.0), (ModeKind.MODE_0, ModeKind.MODE_1), False),
 )
-"""Recommended time-outs for slvMove, each with the modes to which it applies, and whether it applies only to
-UDP.
-"""
 
 
 class CycleGrid(NamedTuple):
@@ -126,11 +118,8 @@ class CycleGrid(NamedTuple):
 
 
 def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
-    """Choose the cycle time that a client should keep: 8 ms or 1 ms.
-
-    Args:
-        overwrites: Whether a new set point replaces the set point in the buffer; None if the mode is unknown.
-        cycles: First cycle times of a slave-mode session, ms.
+    """Choose the cycle time that a client should keep, from the first cycle times of a session, ms.
+    `overwrites` is None if the mode is unknown.
     """
     pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
     if overwrites is False:
@@ -143,8 +132,6 @@ def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
 
 
 class TimingModel:
-    """Measures the timing of set points, which must be added in order."""
-
     def __init__(self, mode: SlaveMode | None, transport: Transport, slots: int) -> None:
         self.grid = CycleGrid(PERIOD_MS)
         self._mode = mode
@@ -159,9 +146,7 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points. Return the cycle time before each set point, ms; NaN for the very first
-        set point.
-        """
+        """Return the cycle time before each set point, ms; NaN for the very first set point."""
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])

@@ -21,14 +21,12 @@ from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, T
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind that are counted separately. After `MAX_KINDS`
-pairs, bcapscope counts all new call kinds of a client together as `OTHER_KINDS`.
+"""Maximum number of pairs of client and call kind that are counted separately. All further call kinds of a
+client are counted together as `OTHER_KINDS`.
 """
 
 MAX_CODES = 16
-"""Maximum number of result codes that are counted separately for each kind of call. Further codes share one
-count.
-"""
+"""Maximum number of result codes that are counted for each kind of call."""
 
 GRACE_NS = 200_000_000_000
 """Time in ns from the end of a time slice until all calls of the slice are complete. If a call gets no
@@ -36,12 +34,10 @@ further frame, a tracker keeps the call open for 180 s (`pairing_windows.EXECUTI
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all call kinds that bcapscope does not count separately. No function has the id 0."""
+"""Stands for all call kinds that are not counted separately. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""If 2 * `MAX_KINDS` pairs of client and call kind exist, bcapscope counts each new pair under
-`OTHER_CLIENTS`.
-"""
+"""Stands for the clients of all pairs beyond 2 * `MAX_KINDS`."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -55,18 +51,14 @@ class CallFigures:
         answered: Number of calls whose accepted reply reports success.
         unanswered: Number of calls that the client gave up.
         open: Number of calls still open when the traffic ended.
-        not_followed: Number of calls that were evicted from memory while open, because too many calls were
-            open.
-        not_captured: Number of calls whose reply was not captured. This happens if the capture lacks bytes
-            that the controller sent, or contains only requests.
+        not_followed: Number of calls that were evicted from memory, because too many calls were open.
+        not_captured: Number of calls whose reply the capture lacks (see `Outcome.NOT_CAPTURED`).
         request_bytes: Size of all requests in bytes, including retries.
-        calls_per_second: Number of calls divided by the length of the period in seconds; None if the length
-            is 0.
+        calls_per_second: None if the period has no length.
         line_time_share: Sum of the latencies divided by the length of the period; None if the length is 0;
             more than 1 if several conversations wait at the same time.
         latency: Time from the first request to the accepted reply, ms; None if no call was answered.
-        refusal_codes: For each HRESULT of a failure, the number of calls that were answered with it. The most
-            frequent HRESULT comes first.
+        refusal_codes: HRESULTs of failures, and the number of calls with each; the most frequent first.
     """
 
     calls: int
@@ -89,12 +81,7 @@ class CallFigures:
 
 @dataclass(frozen=True, slots=True)
 class StatisticsRow:
-    """Figures of one group of calls.
-
-    Attributes:
-        conversation: Conversation of the client; None for the calls of all clients.
-        call_kind: Function and command of the calls; None for calls of all kinds.
-    """
+    """Figures of the calls of one client and kind; None for all clients, or all kinds."""
 
     conversation: Conversation | None
     call_kind: CallKind | None
@@ -124,9 +111,7 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. `flush` counts many successful calls at once, which is faster than one by
-    one.
-    """
+    """Counts calls of one kind. For speed, `flush` counts many successful calls at once."""
 
     def __init__(self) -> None:
         self.calls = self.retries = self.retried = self.late = self.executing = self.request_bytes = 0
@@ -184,7 +169,6 @@ class _CallTally:
         self.histogram.merge(other.histogram)
 
     def figures(self, nanoseconds: int) -> CallFigures:
-        """Return the figures for a period of this length in ns."""
         self.flush()
         seconds = nanoseconds / 1_000_000_000
         return CallFigures(
@@ -285,8 +269,7 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Computes the statistics of calls for each slice of time. A call belongs to the slice in which the call
-    started.
+    """Computes the statistics of calls for each slice of time, by the times at which the calls started.
 
     Captures are not always read in chronological order. If the start times of the calls jump back by more
     than `GRACE_NS`, `add_call` returns all unfinished slices. If a call starts in a slice that was already
@@ -294,7 +277,6 @@ class SlicedStatistics:
     """
 
     def __init__(self, nanoseconds: int) -> None:
-        """Create slices of `nanoseconds` each. The first slice begins with the first call."""
         self._length = nanoseconds
         self._origin: int | None = None
         self._latest = 0

@@ -14,9 +14,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""Maximum number of values that a histogram keeps exactly. A histogram with more values counts all its values
-in bins.
-"""
+"""A histogram with more values counts them in bins, instead of keeping them exactly."""
 
 _PER_OCTAVE = 128
 """Number of bins per power of two: each value differs from the middle of its bin by less than 0.4 %."""
@@ -39,7 +37,7 @@ class Histogram:
         self._least, self._most = math.inf, 0.0
 
     def add(self, values: Floats) -> None:
-        """Add values. The array is not copied; do not change it afterwards."""
+        """Add values. The array is not copied."""
         if not len(values):
             return
         self._pending.append(values)
@@ -56,7 +54,6 @@ class Histogram:
             self.add(values)
 
     def distribution(self, bins: bool = False) -> DistributionSummary | None:
-        """Return the distribution so far; None if there are no values."""
         if self._counts is not None:
             return self._binned_distribution(bins)
         values = np.sort(self._pending_values())
@@ -140,11 +137,9 @@ def _rank(share: int, count: int) -> int:
 
 
 def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
-    """Count values in bins; return the number of the first bin that is not empty, and the counts from this
-    bin on.
+    """Return the number of the first bin that is not empty, and the counts from this bin on.
 
-    The upper bits of an IEEE 754 double (the exponent and the first bits of the mantissa) give the bin
-    number.
+    The upper bits of an IEEE 754 double (exponent and first bits of the mantissa) give the bin number.
     """
     bits = np.ascontiguousarray(values).view(np.int64)
     numbers = np.clip((bits >> _BIN_SHIFT) - _FIRST_BIN, 0, _BINS - 1)

@@ -1,6 +1,4 @@
-"""Figures of frames captured at two places: the delay between the places, and the frames lost between
-them.
-"""
+"""Figures of frames captured at two places: the delay, and the frames lost between the places."""
 
 from __future__ import annotations
 
@@ -24,7 +22,6 @@ class OneWayFigures:
 
     Attributes:
         frames: Number of frames that were captured at both places.
-        lost: Number of frames that were lost between the places.
         delay: Time from the sender's place to the receiver's place, ms; None if there are no frames.
     """
 
@@ -75,8 +72,6 @@ class _OneWayTally:
 
 
 class PlaceTally:
-    """For one conversation, counts the frames that were captured at two places."""
-
     def __init__(self, conversation: Conversation) -> None:
         self._conversation = conversation
         self._requests, self._replies = _OneWayTally(), _OneWayTally()
