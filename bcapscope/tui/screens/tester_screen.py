@@ -1,7 +1,5 @@
-"""The Tester: the functions of the b-CAP Tester window, in a terminal.
-
-The widgets post the user's actions as messages. The Tester screen carries out the user's actions through a
-`ControllerSession`, and passes the results to the widgets.
+"""The Tester: the functions of the b-CAP Tester window, in a terminal. The screen carries out the actions
+that its widgets post as messages, through a `ControllerSession`, and passes the results to the widgets.
 """
 
 from __future__ import annotations
@@ -63,15 +61,12 @@ _EXECUTE_CONTROLLER = 17
 
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
-_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""CSS selector of the widgets that `_focus_first_in` skips to reach the main widget of an area."""
+_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"  # not the main widget of an area
 
 
 class TesterOptions(NamedTuple):
-    """Initial state of the Tester.
-
-    If `host` is empty, the Tester starts the built-in simulator. The threads of the `ControllerSession` call
-    `tap` with each observation.
+    """Initial state of the Tester. If `host` is empty, the Tester starts the built-in simulator. The threads
+    of the `ControllerSession` call `tap` with each observation.
     """
 
     requests_folder: Path
@@ -85,8 +80,6 @@ class TesterOptions(NamedTuple):
 
 
 class TesterScreen(BaseScreen):
-    """Connects to a controller, makes calls, and shows their packets."""
-
     NAME = "tester.name.screen"
     ABOUT = "tester.about"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - Textual declares a list
@@ -136,7 +129,7 @@ class TesterScreen(BaseScreen):
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
-        app.add_closer(self._close)
+        app.closers.push_async_callback(self._close)
         self.set_interval(1.0, self._show_status)
         self._show_status()
         self.query_one("#connect", Button).focus()
@@ -228,9 +221,7 @@ class TesterScreen(BaseScreen):
     @on(ConnectWanted)
     @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        """Connect to a controller. If the controller is the built-in simulator and has exited, restart the
-        simulator first.
-        """
+        """Connect to a controller; if it is the built-in simulator and has exited, restart it first."""
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
             panel.wait_for_address()
@@ -256,7 +247,7 @@ class TesterScreen(BaseScreen):
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the form that the user needs next, unless the user has moved the focus to another area."""
+        """Focus the form that is needed next, unless the user has moved the focus to another area."""
         if self.focused is None or panel in self.focused.ancestors:
             for name in ("#robot-forms", "#panels"):
                 if self._focus_first_in(self.query_one(name)):
@@ -277,7 +268,6 @@ class TesterScreen(BaseScreen):
     @on(CallWanted)
     @work(group="call")
     async def _make_calls(self, wanted: CallWanted) -> None:
-        """Run a step, and show its outcome. If the step needs arming, ask the user to arm first."""
         display = wanted.result_display
         display.show_pending()
         try:
@@ -379,9 +369,6 @@ class TesterScreen(BaseScreen):
     # Navigation.
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for tabs and views. Without the palette, the user may need several keys to
-        open a tab or view.
-        """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
                 title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))

@@ -1,6 +1,4 @@
-"""The traffic screen for a capture, an interface or a simulator, with keys to navigate, mark, save and
-open.
-"""
+"""The traffic screen, with keys to navigate, mark, save and open; and the screen of a simulator's traffic."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
-from bcapscope.tui.screens.base_screen import Prompt, view_keys
+from bcapscope.tui.screens.base_screen import view_keys
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
 from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
@@ -33,8 +31,6 @@ _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 
 class TrafficScreen(TrafficViews):
-    """Lets the user navigate between related frames, mark and save packets, and open other captures."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
         Binding("slash", "filter", "traffic.filter", key_display="/"),
@@ -184,9 +180,7 @@ class TrafficScreen(TrafficViews):
     @work
     async def action_goto(self) -> None:
         journal = self.feed.journal
-        answer = await self.app.push_screen_wait(
-            Prompt(label("traffic.goto.title"), label("traffic.goto.hint"))
-        )
+        answer = await self.ask(label("traffic.goto.title"), label("traffic.goto.hint"))
         if not answer or journal is None or not len(journal):
             return
         number = frame_relations.find_frame(answer, journal)
@@ -216,8 +210,7 @@ class TrafficScreen(TrafficViews):
         if number is None:
             return
         title = label("traffic.note.title", number=number)
-        prompt = Prompt(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
-        note = await self.app.push_screen_wait(prompt)
+        note = await self.ask(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
         if note is not None:
             self._set_note(number, printable(note.strip()) or None)
 
@@ -229,8 +222,7 @@ class TrafficScreen(TrafficViews):
             return
         source = self.feed.display_path
         proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
-        prompt = Prompt(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
-        target = await self.app.push_screen_wait(prompt)
+        target = await self.ask(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
         if target:
             notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.read_frame)
             app_of(self).show_message(label("traffic.saving", path=printable(target)))
@@ -258,9 +250,7 @@ class TrafficScreen(TrafficViews):
     async def action_open(self) -> None:
         known = app_of(self).settings.captures
         folder = f"{Path(known[0]).parent}/" if known else ""
-        path = await self.app.push_screen_wait(
-            Prompt(label("traffic.open"), label("traffic.open.hint"), folder)
-        )
+        path = await self.ask(label("traffic.open"), label("traffic.open.hint"), folder)
         if path:
             self._open_capture(str(Path(path).expanduser()))
 

@@ -42,8 +42,7 @@ from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Kind of record that the filter of a view tests, for each view that has a filter."""
 
-_NARROW_WIDTH = 100
-"""Terminal width in columns below which the screen rounds large counts."""
+_NARROW_WIDTH = 100  # columns; below this width, the screen rounds large counts
 
 
 class TrafficViews(ViewsScreen):
@@ -93,7 +92,7 @@ class TrafficViews(ViewsScreen):
             yield PacketView(id="packet")
 
     def on_mount(self) -> None:
-        app_of(self).add_closer(self._close)
+        app_of(self).closers.callback(self._close_feed)
         for target in (self.frames, self.calls):
             self.watch(target, "cursor", self._cursor_moved, init=False)
         self._subscribe_feed()
@@ -106,9 +105,6 @@ class TrafficViews(ViewsScreen):
             self.call_after_refresh(app_of(self).save_settings)  # show the traffic first
         self.feed.subscribe(partial(self.call_in_screen, self.show_update, self.feed))
         self.show_state()
-
-    async def _close(self) -> None:
-        self._close_feed()
 
     def _close_feed(self) -> None:
         for target in (self.frames, self.calls):
@@ -157,7 +153,6 @@ class TrafficViews(ViewsScreen):
             self.refresh_bindings()
 
     def _show_growth(self) -> None:
-        """Show new rows in the visible list. A hidden list shows its new rows when it becomes visible."""
         if isinstance(self.shown_list, RecordList):
             self.shown_list.lines_added()
 
@@ -198,7 +193,6 @@ class TrafficViews(ViewsScreen):
         self.query_one(ViewBar).show_counts(self.view, counts, states)
 
     def _search_percent(self) -> int | None:
-        """Return the percentage of rows that the search has examined; None if the search is complete."""
         source = {"frames": self.feed.journal, "calls": self.feed.calls}.get(self.view)
         if source is None or not self.expressions[self.view] or self._searched >= len(source):
             return None
@@ -210,17 +204,14 @@ class TrafficViews(ViewsScreen):
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame under the cursor.
-
-        The watcher of `cursor` calls `_cursor_moved` before the message `Lines.Moved` arrives, so that
-        Textual draws the list and the frame together.
+        """Show the frame under the cursor. The watcher of `cursor` calls this method before `Lines.Moved`
+        arrives, so that Textual draws the list and the frame together.
         """
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None if the cursor is not on a frame."""
         if self.view == "calls":
             current = self.calls.current_call
             return None if current is None else current[1]
@@ -265,7 +256,6 @@ class TrafficViews(ViewsScreen):
             self.show_frame()
 
     def _check_filter(self, expression: str) -> object:
-        """Compile a filter expression for the view; raises `ValueError` for an invalid expression."""
         return compile_filter(expression, RECORD_KINDS.get(self.view, RecordKind.FRAME))
 
     def set_filter(self, expression: str) -> None:
@@ -310,12 +300,10 @@ _BAR = 12
 def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
-    """Return several texts about the progress of reading and searching. Each text is shorter than the
-    previous text.
+    """Return several texts about the progress of reading and searching, each shorter than the previous one.
 
     Args:
-        source_problem: Reason to suspect that the traffic has ended, although bcapscope still reads it; "" if
-            there is no reason.
+        source_problem: Reason to suspect that the traffic has ended, although bcapscope still reads; or "".
         searched: Percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []
@@ -339,9 +327,7 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief` is True, a count of at least 10,000 becomes a text such as ``12k``
-    or ``1.2M``, rounded down.
-    """
+    """Return a count as text; if `brief`, 10,000 and more as ``12k`` or ``1.2M``, rounded down."""
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"
