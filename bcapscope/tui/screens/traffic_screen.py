@@ -167,7 +167,7 @@ class TrafficScreen(TrafficViews):
         number = self.frame_number
         if number is None:
             return
-        frame, settled = self.frames.read_frame(number), self.settled_at(number)
+        frame, settled = self.frames.source.read_frame(number), self.settled_at(number)
         found = frame_relations.related_filter(what, frame, settled)
         if found is None:
             app_of(self).show_message(label("traffic.no_handle" if what == "handle" else "traffic.no_call"))
@@ -224,7 +224,7 @@ class TrafficScreen(TrafficViews):
         proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
         target = await self.ask(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
         if target:
-            notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.read_frame)
+            notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.source.read_frame)
             app_of(self).show_message(label("traffic.saving", path=printable(target)))
             self._save_packets(self.feed.make_save_job(str(Path(target).expanduser()), notes))
 

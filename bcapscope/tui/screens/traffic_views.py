@@ -230,7 +230,7 @@ class TrafficViews(ViewsScreen):
             packet.show_packet(None)
             self.query_one("#about", Static).update("", layout=False)
             return
-        frame = self.frames.read_frame(number)
+        frame = self.frames.source.read_frame(number)
         packet.show_packet(frame.observation, frame.call_kind)
         self._show_about(frame)
 
