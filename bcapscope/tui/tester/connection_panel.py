@@ -1,4 +1,4 @@
-"""The connection panel of the Tester, and the Tester's status line. The status line is always visible."""
+"""The connection panel of the Tester, and the Tester's status line."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
 
 
 def arming_facts(status: SessionStatus) -> list[str]:
-    """Return lines that describe the controller and its robot for the user who must decide whether to arm."""
+    """Describe the controller and its robot to the user who must decide whether to arm."""
     identity, robot = status.identity, status.robot
     unknown = label("tester.fact.unknown")
     return [
