@@ -27,7 +27,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
+from bcapscope.tui.settings import default_settings_path, read_settings, with_recent, write_settings
 from bcapscope.tui.terminal import HALT_KEYS, ControlCharFilter, make_halt_driver, make_server_safe_driver
 from bcapscope.tui.themes import THEME_NAMES, THEMES, theme_styles
 
@@ -216,6 +216,11 @@ class BcapApp(KeyOrderApp):
         except OSError as error:
             text = label("shell.settings.unwritable", path=str(self._settings_path), reason=os_reason(error))
             self.show_message(text, "warning")
+
+    def add_recent(self, item: str, recent: list[str]) -> None:
+        """Put an item in front of one of the lists in the settings, and save the settings."""
+        recent[:] = with_recent(item, recent)
+        self.save_settings()
 
     def copy_to_clipboard(self, text: str) -> None:
         """Copy to the clipboard; lone surrogates are escaped, because no clipboard accepts them."""

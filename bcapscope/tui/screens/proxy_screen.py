@@ -63,10 +63,7 @@ class ProxyScreen(ViewsScreen):
     ABOUT = "proxy.about"
     AUTO_FOCUS = "#clients"
     VIEWS: ClassVar[Mapping[str, str]] = {
-        "clients": "proxy.clients",
-        "rules": "proxy.rules",
-        "held": "proxy.held",
-        "messages": "proxy.messages",
+        view: f"proxy.{view}" for view in ("clients", "rules", "held", "messages")
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(VIEWS, "proxy.view.tip"),

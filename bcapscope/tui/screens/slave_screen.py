@@ -43,7 +43,6 @@ from bcapscope.tui.controller_access.playback import (
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
-from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import FilePicker
@@ -158,10 +157,7 @@ class SlaveScreen(BaseScreen):
         is_playable = ready.preflight.is_playable and not self._player_slot.is_playing
         self.query_one("#start", Button).disabled = not is_playable
         app = app_of(self)
-        app.settings.trajectories = with_recent(
-            str(Path(settings.path).absolute()), app.settings.trajectories
-        )
-        app.save_settings()
+        app.add_recent(str(Path(settings.path).absolute()), app.settings.trajectories)
 
     def _read_fields(self) -> PlaybackSettings | str:
         """Return the settings in the fields, or a text that says what is wrong with them."""

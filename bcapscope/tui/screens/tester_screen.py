@@ -46,7 +46,6 @@ from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
 from bcapscope.tui.tester.call_steps import CallNotice, CallWanted, function_step, repeating_step, run_armed
@@ -238,9 +237,7 @@ class TesterScreen(BaseScreen):
             if await self.session.run_in_loop(step):
                 self._focus_next_form(panel)
             if self.session.status.is_connected and self._simulator is None:
-                settings = app_of(self).settings
-                settings.hosts = with_recent(wanted.host, settings.hosts)
-                app_of(self).save_settings()
+                app_of(self).add_recent(wanted.host, app_of(self).settings.hosts)
         finally:
             if panel.children:  # if the screen has no child widgets, it is being closed
                 self._set_connecting(panel, False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os.path
 from collections.abc import Iterator
 from functools import partial
@@ -19,7 +20,7 @@ from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.base_screen import view_keys
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
-from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.finding_page import FindingPage
@@ -223,19 +224,16 @@ class TrafficScreen(TrafficViews):
         source = self.feed.display_path
         proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
         target = await self.ask(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
-        if target:
-            notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.source.read_frame)
-            app_of(self).show_message(label("traffic.saving", path=printable(target)))
-            self._save_packets(self.feed.make_save_job(str(Path(target).expanduser()), notes))
-
-    @work(thread=True)
-    def _save_packets(self, job: SaveJob) -> None:
-        problem, path = self.feed.save(job), printable(job.target)
+        if not target:
+            return
+        notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.source.read_frame)
+        app_of(self).show_message(label("traffic.saving", path=printable(target)))
+        job = self.feed.make_save_job(str(Path(target).expanduser()), notes)
+        problem, path = await asyncio.to_thread(self.feed.save, job), printable(job.target)
         if problem:
-            text = label("traffic.unsaved", path=path, reason=problem)
-            self.call_in_screen(app_of(self).show_message, text, "error")
+            app_of(self).show_message(label("traffic.unsaved", path=path, reason=problem), "error")
         else:
-            self.call_in_screen(app_of(self).show_message, label("traffic.saved", path=path))
+            app_of(self).show_message(label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         if self.check_action("open", ()):

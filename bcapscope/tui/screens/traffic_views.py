@@ -23,7 +23,6 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.base_screen import ViewsScreen
-from bcapscope.tui.settings import with_recent
 from bcapscope.tui.traffic_processes.process_messages import (
     NO_ANALYSIS,
     ReadProgress,
@@ -50,11 +49,7 @@ class TrafficViews(ViewsScreen):
     ABOUT = "traffic.about"
     AUTO_FOCUS = "#frames"
     VIEWS: ClassVar[Mapping[str, str]] = {
-        "frames": "traffic.frames",
-        "calls": "traffic.calls",
-        "findings": "traffic.findings",
-        "slave": "traffic.slave",
-        "statistics": "traffic.statistics",
+        view: f"traffic.{view}" for view in ("frames", "calls", "findings", "slave", "statistics")
     }
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
@@ -100,9 +95,8 @@ class TrafficViews(ViewsScreen):
     def _subscribe_feed(self) -> None:
         path = self.feed.job.path
         if path and not self.feed.job.follow:
-            settings = app_of(self).settings
-            settings.captures = with_recent(str(Path(path).absolute()), settings.captures)
-            self.call_after_refresh(app_of(self).save_settings)  # show the traffic first
+            app, absolute = app_of(self), str(Path(path).absolute())
+            self.call_after_refresh(app.add_recent, absolute, app.settings.captures)  # show the traffic first
         self.feed.subscribe(partial(self.call_in_screen, self.show_update, self.feed))
         self.show_state()
 

@@ -57,7 +57,7 @@ class CommandForm(Vertical):
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:
-            self.query_one(ResultView).show_hint("")
+            self.query_one(ResultView).show_check("", "")
             return
         typed, types = self.query_one(TypedValue), type_numbers(found.parameter_types)
         before = self._sent_parameters.get(message.value.strip().casefold())
@@ -67,7 +67,7 @@ class CommandForm(Vertical):
             typed.fill_value(types[0] if types else typed.vt, "")
         elif types:
             typed.select_type(types[0])
-        self.query_one(ResultView).show_hint(command_hint(found))
+        self.query_one(ResultView).show_check("", command_hint(found))
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:

@@ -43,9 +43,6 @@ class ResultView(InkedText, can_focus=True):
         self._show_text(reason, INK.bad)
         self._scroll_into_view()
 
-    def show_hint(self, text: str) -> None:
-        self._show_text(text, INK.dim)
-
     def show_problem(self, text: str) -> None:
         self._show_text(text, INK.problem)
 
@@ -54,10 +51,7 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{ink}{printable(text)}{INK.reset}" if text else "")
 
     def show_check(self, problem: str, hint: str) -> None:
-        if problem:
-            self.show_problem(problem)
-        else:
-            self.show_hint(hint)
+        self._show_text(problem or hint, INK.problem if problem else INK.dim)
 
     def action_digits(self) -> None:
         self.show_digits(not self.shows_all_digits)

@@ -62,25 +62,22 @@ class CheckedInput(Vertical):
         that is not empty, and raises a `ValueError`, whose text the widget shows, if the text is invalid.
         """
         super().__init__(id=f"{name}-line")
-        self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
+        self.field = Input(placeholder=hint, id=name, select_on_focus=False)
+        self._error = Static(id=f"{name}-error", classes="checked-error")
+        self._parse, self._caption = parse, caption
 
     def compose(self) -> ComposeResult:
         with Horizontal(classes="checked-row"):
             if self._caption:
                 yield Static(Text(f" {self._caption} "), classes="checked-caption")
-            yield Input(placeholder=self._hint, id=self._field, select_on_focus=False)
-        yield Static(id=f"{self._field}-error", classes="checked-error")
-
-    @property
-    def field(self) -> Input:
-        return self.query_one(f"#{self._field}", Input)
+            yield self.field
+        yield self._error
 
     def set_text(self, text: str) -> None:
         """Set the text without posting a message."""
-        field = self.field
-        with field.prevent(Input.Changed):
-            field.value = text
-        field.cursor_position = len(text)
+        with self.field.prevent(Input.Changed):
+            self.field.value = text
+        self.field.cursor_position = len(text)
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
@@ -100,7 +97,6 @@ class CheckedInput(Vertical):
         self.post_message(message(self, text, made))
 
     def _show_problem(self, wrong: str) -> None:
-        error = self.query_one(f"#{self._field}-error", Static)
-        error.update(Text("\n".join(map(printable, wrong.split("\n")))))
-        error.display = bool(wrong)
+        self._error.update(Text("\n".join(map(printable, wrong.split("\n")))))
+        self._error.display = bool(wrong)
         self.field.set_class(bool(wrong), "-invalid")
