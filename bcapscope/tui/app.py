@@ -44,9 +44,7 @@ TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds that make Python's garbage collector rarely examine older objects, because keys wait meanwhile.
-A collection takes 1 ms for new objects, 30 ms for older objects, and 50 ms for all objects.
-"""
+"""A collection delays keys by 1 ms for new, by 30 ms for older, and by 50 ms for all objects."""
 
 
 class ScreenEntry(NamedTuple):
@@ -105,9 +103,7 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Switch off the eager execution of tasks that Textual switches on in Python 3.12 and later. If tasks
-        start eagerly, an `Input` raises ScreenStackError before the first screen is on the screen stack.
-        """
+        # Textual starts tasks eagerly in Python 3.12 and later; an `Input` would raise ScreenStackError
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
@@ -134,9 +130,7 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Quit if the terminal is gone, because Textual would read from it in a busy loop. A terminal that
-        closes does not always send SIGHUP.
-        """
+        """Quit if the terminal closed without SIGHUP, because Textual would read from it in a busy loop."""
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
 

@@ -63,9 +63,7 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Put `item` in front of the other items of `recent`, but return at most `MAX_RECENT` items. A name with
-    a lone surrogate is not added, because YAML cannot store it.
-    """
-    if any("\ud800" <= letter <= "\udfff" for letter in item):
+    """Put `item` in front of the other items of `recent`, but return at most `MAX_RECENT` items."""
+    if any("\ud800" <= letter <= "\udfff" for letter in item):  # YAML cannot store a lone surrogate
         return recent
     return [item, *(each for each in recent if each != item)][:MAX_RECENT]

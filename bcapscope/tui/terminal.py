@@ -59,9 +59,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 
 
 class _HangupSafeFile:
-    """An output file that discards data after the terminal has gone. An error would end Textual's writing
-    thread, and the program would never finish its shutdown.
-    """
+    """Discards data after the terminal has gone, because an error would end Textual's writing thread."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
@@ -126,9 +124,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each unprintable character with one U+FFFD per terminal column. A control character has no
-    column, so it is removed.
-    """
+    """Replace each unprintable character with one U+FFFD per column; a control character has no column."""
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
         for char in text

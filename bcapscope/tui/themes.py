@@ -1,7 +1,5 @@
-"""The three themes: light, dark, and a third theme for people with any kind of colour vision.
-
-The third theme uses the colours of Okabe and Ito 2008, "Color Universal Design"; success is blue and failure
-is orange. No theme conveys anything by colour alone.
+"""The themes, none of which conveys anything by colour alone. "safe" is for people with any kind of colour
+vision, and has the colours of Okabe and Ito 2008, "Color Universal Design".
 """
 
 from __future__ import annotations
@@ -85,7 +83,7 @@ def readable_style(style: Style, background: Style) -> Style:
 
 
 def contrast(one: Color, other: Color) -> float:
-    """Return the contrast ratio of two colours, 1 to 21 (WCAG 2.2)."""
+    """Return the contrast ratio, 1 to 21 (WCAG 2.2)."""
     light, dark = sorted((_luminance(one), _luminance(other)), reverse=True)
     return (light + 0.05) / (dark + 0.05)
 

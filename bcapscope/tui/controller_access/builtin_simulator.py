@@ -30,9 +30,7 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles at the start, in degrees, as VT_R4 values. DENSO Wave 2009, How to use the Slave mode, shows
-them as the position after slvMove.
-"""
+"""Degrees as VT_R4 values: the position after slvMove in DENSO Wave 2009, How to use the Slave mode."""
 
 END_TIMEOUT = 2.0
 """Seconds after which bcapscope kills the simulator."""

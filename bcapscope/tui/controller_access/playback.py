@@ -72,9 +72,7 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """`armed` says whether the user confirmed that the robot may move. `record` is the name of a new file
-        for a recording of the whole conversation.
-        """
+        """`armed`: the user confirmed that the robot may move. `record`: a new file for a recording."""
         settings, trajectory = self.settings, self.trajectory
         return PlayPlan(
             target=target,
@@ -91,12 +89,8 @@ class PreparedTrajectory:
 
 
 def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
-    """Read a trajectory file, resample the trajectory and check it. This can take long. `type_name` is the
-    type of the robot; empty if unknown.
-
-    Raises:
-        TrajectoryError: The file contains no trajectory that can be played.
-        ValueError: The limits are invalid.
+    """Read, resample and check a trajectory, which can take long. `type_name` is the type of the robot; empty
+    if unknown. Raises `TrajectoryError` if there is no trajectory, or `ValueError` for invalid limits.
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):
@@ -175,23 +169,17 @@ MAX_SAMPLES = 600  # twenty readings per second cover half a minute
 
 @dataclass(slots=True)
 class PlaybackRun:
-    """The reports of the player about one playback of a trajectory.
-
-    Attributes:
-        samples: Latest readings, each as elapsed seconds, set point and returned pose.
-        preflight: Pre-flight check against the connected controller.
-        readiness: Text that says which real-time settings the system allows.
-    """
+    """The reports of the player about one playback of a trajectory."""
 
     plan: PlayPlan
     trajectory: Trajectory
     progress: PlayProgress | None = None
     samples: deque[tuple[float, SetPointValues, SetPointValues]] = field(
         default_factory=lambda: deque(maxlen=MAX_SAMPLES)
-    )
+    )  # the latest readings: elapsed seconds, set point and returned pose
     peer: ControllerInfo | None = None
-    preflight: PreflightResult | None = None
-    readiness: Message | None = None
+    preflight: PreflightResult | None = None  # against the connected controller
+    readiness: Message | None = None  # which real-time settings the system allows
     troubles: list[PlayerProblem] = field(default_factory=list)
     question: PlayerQuestion | None = None
     ended: PlayEnded | None = None

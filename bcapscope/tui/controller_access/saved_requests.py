@@ -111,10 +111,7 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
 def save_request(
     folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = ""
 ) -> Path:
-    """Write a saved request atomically, and return its file, whose name is made from `name`.
-
-    Args:
-        arguments: All arguments of the request, including the handle.
+    """Write a saved request atomically, and return its file. `arguments` include the handle.
 
     Raises:
         SavedRequestError: An argument has no text notation, the name is empty, or the file cannot be written.

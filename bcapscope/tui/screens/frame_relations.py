@@ -54,9 +54,7 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Return the number of a request's reply, or of a reply's request. The second result is "", or the id of
-    a label that says why there is no such frame.
-    """
+    """Return the number of the frame's reply or request, or None and the id of a label that says why."""
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
     attempts = [seen.number for seen in settled.attempts]

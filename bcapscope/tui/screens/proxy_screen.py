@@ -51,8 +51,7 @@ class ProxyState(msgspec.Struct, frozen=True):
     figures: control.ProxyStats
 
 
-POLL_INTERVAL = 0.5
-"""Time in seconds between two queries of the proxy's state."""
+POLL_INTERVAL = 0.5  # seconds between two queries of the proxy's state
 
 _RULE_ACTIONS = frozenset({"switch", "remove"})
 _HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
@@ -86,10 +85,9 @@ class ProxyScreen(ViewsScreen):
         child: ChildProcess | None = None,
         note: str = "",
     ) -> None:
-        """Connect the screen to a proxy.
+        """Control the proxy whose control socket has this address.
 
         Args:
-            address: Address of the proxy's control socket.
             route: Text with the proxy's listening address and the controller's address.
             feed: Traffic of the proxy that the traffic screen shows; None if there is no traffic screen.
             child: Process of the proxy; None if bcapscope did not start the proxy.

@@ -1,6 +1,4 @@
-"""The Tester: the functions of the b-CAP Tester window, in a terminal. The screen carries out the actions
-that its widgets post as messages, through a `ControllerSession`, and passes the results to the widgets.
-"""
+"""The Tester: the functions of the b-CAP Tester window, in a terminal."""
 
 from __future__ import annotations
 
@@ -64,9 +62,7 @@ _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"  # not the main widget o
 
 
 class TesterOptions(NamedTuple):
-    """Initial state of the Tester. If `host` is empty, the Tester starts the built-in simulator. The threads
-    of the `ControllerSession` call `tap` with each observation.
-    """
+    """If `host` is empty, the built-in simulator starts. The session's threads call `tap`."""
 
     requests_folder: Path
     log_folder: Path

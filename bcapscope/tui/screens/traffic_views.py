@@ -198,9 +198,7 @@ class TrafficViews(ViewsScreen):
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame under the cursor. The watcher of `cursor` calls this method before `Lines.Moved`
-        arrives, so that Textual draws the list and the frame together.
-        """
+        """Show the frame. A watcher of `cursor`, so that Textual draws list and frame together."""
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
@@ -295,10 +293,7 @@ def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
     """Return several texts about the progress of reading and searching, each shorter than the previous one.
-
-    Args:
-        source_problem: Reason to suspect that the traffic has ended, although bcapscope still reads; or "".
-        searched: Percentage of rows that the search has examined; None if the search is complete.
+    `searched` is the percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []
     if searched is not None:

@@ -53,9 +53,7 @@ class CallNotice:
 
 @dataclass
 class CallWanted(Message):
-    """The user wants to run a step. The screen calls `done` after `step` returns a record, even the record of
-    a failed call.
-    """
+    """The user wants to run a step. `done` is called after `step` returns a record, even of a failed call."""
 
     result_display: ResultView | CallNotice
     step: CallStep
@@ -116,9 +114,7 @@ def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHan
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step. If it raises `NotArmedError`, ask the user to arm, then run it a second time; if the user
-    refuses, raise `NotArmedError`.
-    """
+    """Run a step. If it raises `NotArmedError`, ask the user to arm, then run it a second time."""
     try:
         return await session.run_in_loop(step(session))
     except NotArmedError:

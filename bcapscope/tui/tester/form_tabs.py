@@ -48,9 +48,7 @@ class OpenObjectRow(Horizontal):
         *,
         on_opened: Callable[[str], object] = lambda name: None,
     ) -> None:
-        """`kind` is the class of the objects to open, `parent` the class of their owner. `on_opened` gets the
-        name of an object after the request to open it.
-        """
+        """`on_opened` gets the name of an object of class `kind` after the request to open it."""
         super().__init__(classes="row")
         self._parent_kind = parent
         self._kind = kind
@@ -78,9 +76,7 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, missing: str) -> ObjectHandle | None:
-        """Return the most recently opened object with the name in the field; if there is none, show the text
-        `missing`.
-        """
+        """Return the latest object with the name in the field; if there is none, show the text `missing`."""
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
             is_owned = each.parent is not None and each.parent.kind is self._parent_kind

@@ -1,6 +1,4 @@
-"""The packet pane: SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester, and the lists of calls,
-watched variables and saved requests.
-"""
+"""The packet pane with SendData and ReceiveData, as in b-CAP Tester, and with the lists of the Tester."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The process that removes the screen's temporary folder, given as argument, at the end of standard input,
-which shows that the screen has ended or was killed. It runs without site packages.
-"""
+"""Removes the folder that is its argument at the end of standard input, so after the end of the screen."""
 
 import sys
 from os.path import exists

@@ -27,29 +27,17 @@ STOP_READING = b"."
 
 
 class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
-    """Job for the reader process or for a proxy's watcher: which traffic to read for the screen.
+    """Job for the reader process or for a proxy's watcher: which traffic to read for the screen."""
 
-    Attributes:
-        path: Name of the capture file or of the watcher's recording; "" for a live capture.
-        interface: Network interface for a live capture; "" to read a file.
-        follow: Whether another program is still writing the capture.
-        ports: Ports of controllers; an empty tuple selects 5007.
-        leg: Only traffic of interfaces whose names begin with this prefix is read; "" reads all interfaces.
-        language: Language of rendered lines, ``en`` or ``ja``.
-        own_clients: Whether bcapscope itself is the client, which remains connected even while it is silent.
-        taken_at: Where the capture was taken; None to infer the place from the traffic.
-        folder: Empty folder for the journal.
-    """
-
-    path: str = ""
-    interface: str = ""
-    follow: bool = False
-    ports: tuple[int, ...] = ()
-    leg: str = ""
-    language: str = "en"
-    own_clients: bool = False
-    taken_at: CapturePoint | None = None
-    folder: str = ""
+    path: str = ""  # of the capture file or of the watcher's recording; "" for a live capture
+    interface: str = ""  # network interface for a live capture; "" to read a file
+    follow: bool = False  # whether another program is still writing the capture
+    ports: tuple[int, ...] = ()  # of controllers; an empty tuple selects 5007
+    leg: str = ""  # only interfaces whose names begin with this prefix are read
+    language: str = "en"  # of rendered lines: "en" or "ja"
+    own_clients: bool = False  # whether bcapscope is the client, which stays connected even while silent
+    taken_at: CapturePoint | None = None  # None to infer the place from the traffic
+    folder: str = ""  # empty folder for the journal
 
 
 class ReadProgress(msgspec.Struct, tag=True, frozen=True):

@@ -49,9 +49,7 @@ FeedListener = Callable[[FeedUpdate], object]
 
 
 class TrafficFeed:
-    """The traffic of one source. The feed passes reports to a listener, in a separate thread. The stores
-    `journal` and `calls` are None until the first report of traffic.
-    """
+    """The traffic of one source. `journal` and `calls` are None until the first report of traffic."""
 
     def __init__(self, job: ReadJob, reports: BinaryIO | None = None) -> None:
         """Start a process that reads the traffic.
@@ -110,9 +108,7 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass the latest undelivered update of each kind to `listener` now. Each new update reaches it in
-        the thread that published the update.
-        """
+        """Pass the undelivered updates now, and each new update in the thread that publishes it."""
         with self._lock:
             self._listener = listener
         for message in self._undelivered.values():
@@ -192,10 +188,8 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Notify the reader process that no more traffic will arrive, but let it process the remaining data.
-        The feed of a proxy has no reader process; the proxy's watcher ends when its relay ends.
-        """
-        if self._reader is None:
+        """Notify the reader process that no more traffic will arrive. It still reads the remaining data."""
+        if self._reader is None:  # the watcher of a proxy ends with the relay
             return
         with suppress(OSError):  # the process has ended
             _pipe(self._reader.stdin).write(STOP_READING)

@@ -27,9 +27,7 @@ _SENT_WITHIN = 2.0  # seconds for sending the last reports
 
 
 class ReportSender:
-    """Sends reports in a thread, so that the watcher need not wait for a screen that reads slowly. A newer
-    report replaces a report of the same kind that has not been sent yet.
-    """
+    """Sends the latest report of each kind in a thread, so that a screen that reads slowly delays nobody."""
 
     def __init__(self, stream: io.RawIOBase) -> None:
         self._stream = stream

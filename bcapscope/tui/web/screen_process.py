@@ -12,14 +12,10 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Seconds after which the server kills a screen process. `tui.app.CLOSE_TIMEOUT` is shorter, so that the
-process can first close everything that it opened.
-"""
+"""Seconds after which the server kills a screen process; longer than `tui.app.CLOSE_TIMEOUT`."""
 
 RELOAD_WITHIN = 2.0
-"""Seconds that a new viewer waits for another viewer to disconnect. When a viewer reloads the page, the old
-and the new connection both count as viewers for a moment.
-"""
+"""Seconds that a new viewer waits for another to disconnect, such as the same viewer who reloads the page."""
 
 _KILLED_WITHIN = 2.0
 
@@ -29,9 +25,7 @@ class NoSeat(Exception):
 
 
 class ViewerSeats:
-    """Limits the number of viewers of a served screen. `ending` is the number of screen processes that are
-    ending, which still count as viewers.
-    """
+    """Limits the number of viewers. `ending` is the number of those whose screen process is ending."""
 
     def __init__(self, count: int) -> None:
         self._free = asyncio.Semaphore(count)

@@ -21,9 +21,7 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site. "" means that the header is missing, "none" that the user
-typed the address or used a bookmark.
-"""
+"""Accepted values of the header Sec-Fetch-Site: missing, or an address that was typed, or an own page."""
 
 
 @dataclass(frozen=True, slots=True)

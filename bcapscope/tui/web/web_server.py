@@ -287,9 +287,7 @@ def _one_line_logger() -> logging.Logger:
 
 
 class WebConnections:
-    """Creates the protocol object of each connection, and closes connections on which no request passes the
-    access check in time.
-    """
+    """Creates the protocol object of each connection, and closes connections that prove nothing in time."""
 
     def __init__(self, server: web.Server) -> None:
         self._server = server

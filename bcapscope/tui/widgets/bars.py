@@ -90,9 +90,7 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the key, the name and the number of rows of each view, and a text about the screen's work. A
-    click on a view opens the view.
-    """
+    """Shows key, name and number of rows of each view, which a click opens, and the screen's progress."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 

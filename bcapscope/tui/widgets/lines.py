@@ -150,9 +150,7 @@ class Lines(ScrollView, can_focus=True):
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the visible lines, most of them from the cache `_strips`. Textual's own method would draw
-        every line again when the user scrolls by one line.
-        """
+        """Unlike Textual's own method, do not draw every line again when the user scrolls by one line."""
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
             self._background, self._filters = look

@@ -68,7 +68,7 @@ class RecordList(Lines, Generic[Source]):
         """Render lines with `write_endpoints` and the times that `set_line_format` chose."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
-        """Relative times count from `origin`, in ns since 1970."""
+        """Count relative times from `origin`, in ns since 1970."""
         if (clock, with_client, origin) != (self.clock, self._shows_client, self._origin):
             self.clock, self._shows_client, self._origin = clock, with_client, origin
             self.use_format(client_and_arrow if with_client else direction_arrow)
@@ -106,21 +106,14 @@ def right_aligned(text: str, width: int) -> str:
 
 
 class FrameList(RecordList[ObservationStore]):
-    """Shows frames, with a sign before each frame that the user marked, that belongs to the call under the
-    cursor, or that proves a finding.
+    """Shows frames, with signs before the frames whose numbers are in `marks`, `related` and `evidence`."""
 
-    Attributes:
-        marks: The user's notes, by the numbers of the marked frames; "" if a marked frame has no note.
-        related: Numbers of the frames of the call under the cursor.
-        evidence: Numbers of the frames that prove the selected finding, in the order of the finding.
-    """
-
-    related: Collection[int] = ()
-    evidence: Collection[int] = ()
+    related: Collection[int] = ()  # frames of the call under the cursor
+    evidence: Collection[int] = ()  # frames that prove the selected finding, in the order of the finding
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self.marks: dict[int, str] = {}
+        self.marks: dict[int, str] = {}  # the user's notes; "" for a mark without a note
 
     def clear_source(self) -> None:
         self.marks, self.related, self.evidence = {}, (), ()
@@ -202,9 +195,7 @@ class CallList(RecordList[CallStore]):
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of a line's call, and which frame of the call the line shows, from 1; 0 if the
-        line shows the call itself.
-        """
+        """Return the position of a line's call, and the frame in the line, from 1; 0 for the call itself."""
         above = 0
         for position, extra in self._unfolded.items():
             line = position + above
