@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
@@ -27,17 +27,15 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
+from bcapscope.tui.settings import default_settings_path, read_settings, with_recent, write_settings
 from bcapscope.tui.terminal import HALT_KEYS, ControlCharFilter, make_halt_driver, make_server_safe_driver
-from bcapscope.tui.themes import THEMES, theme_styles
+from bcapscope.tui.themes import THEME_NAMES, THEMES, theme_styles
 
 if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Time limit in seconds for all clean-up functions of `add_closer` together. At this limit, the screen closes
-even if a clean-up function still runs.
-"""
+"""Time limit in seconds for all `closers` together. The screen then closes even if one of them still runs."""
 
 HALT_KEY_WINDOW = 0.5
 """Minimum time in seconds from a halt by the terminal driver to another halt by `action_halt`."""
@@ -46,11 +44,7 @@ TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds of Python's garbage collector. The screen handles no key while the garbage collector runs.
-
-With these thresholds, the garbage collector rarely examines older objects. The garbage collector takes
-1 ms for new objects, 30 ms for older objects, and 50 ms for all objects.
-"""
+"""A collection delays keys by 1 ms for new, by 30 ms for older, and by 50 ms for all objects."""
 
 
 class ScreenEntry(NamedTuple):
@@ -63,17 +57,9 @@ class ScreenEntry(NamedTuple):
 
 
 class BcapApp(KeyOrderApp):
-    """The application that shows the screens.
-
-    Attributes:
-        status: Texts at the right of the top bar, each with the name of its style, or with "" for the plain
-            style.
-    """
-
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - Textual declares a list
     TITLE = "bcapscope"
-    ENABLE_COMMAND_PALETTE = False
-    """Textual's own palette is off, because `BaseScreen` opens a palette with the actions of bcapscope."""
+    ENABLE_COMMAND_PALETTE = False  # `BaseScreen` opens a palette with the actions of bcapscope
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", priority=True),
         Binding(HALT_KEYS[0], "halt", "shell.halt", priority=True),
@@ -81,13 +67,9 @@ class BcapApp(KeyOrderApp):
         Binding("ctrl+t", "next_theme", "shell.next_theme", show=False, tooltip="shell.theme.tip"),
     ]
     status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
+    """Texts at the right of the top bar, each with the name of its style; "" for the plain style."""
 
     def __init__(self, screen_entries: Sequence[ScreenEntry], settings_path: Path | None = None) -> None:
-        """Register the screens; the application starts with the first screen.
-
-        Args:
-            settings_path: Settings file; None selects the platform's default.
-        """
         # Without this assignment, Textual first shows a blank default screen, and reads all styles for it.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
         # `_halts` must exist before the terminal driver, because the driver calls the callbacks in `_halts`
@@ -98,7 +80,7 @@ class BcapApp(KeyOrderApp):
         self.screen_entries = tuple(screen_entries)
         self._settings_path = settings_path or default_settings_path()
         self.settings, self._settings_problem = read_settings(self._settings_path)
-        self._closers = AsyncExitStack()
+        self.closers = AsyncExitStack()  # callbacks that run before the screen closes
         self._is_ending = False
         self._gc_thresholds = gc.get_threshold()
         for theme in THEMES:
@@ -110,8 +92,7 @@ class BcapApp(KeyOrderApp):
             self.bind(entry.key, f"switch_mode('{entry.mode}')", description=entry.name, show=False)
 
     def _select_theme(self, name: str) -> None:
-        names = [theme.name for theme in THEMES]
-        self.theme = name if name in names else names[0]
+        self.theme = name if name in THEME_NAMES else THEME_NAMES[0]
 
     def watch_theme(self) -> None:
         inks = theme_styles(self.current_theme)
@@ -122,11 +103,7 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Start tasks without eager execution. In Python 3.12 and later, Textual switches eager execution on.
-
-        If tasks start eagerly, an `Input` on the first screen raises ScreenStackError, because the first
-        screen is not yet on the screen stack.
-        """
+        # Textual starts tasks eagerly in Python 3.12 and later; an `Input` would raise ScreenStackError
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
@@ -140,7 +117,6 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def on_unmount(self) -> None:
-        """Restore the garbage collector's thresholds, and let it collect the screens' objects again."""
         gc.unfreeze()
         gc.set_threshold(*self._gc_thresholds)
 
@@ -154,20 +130,12 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Close the application cleanly if the terminal is gone. A terminal that closes does not always send
-        SIGHUP to this process. Textual tries to read from a closed terminal in a busy loop.
-        """
+        """Quit if the terminal closed without SIGHUP, because Textual would read from it in a busy loop."""
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
 
     def _request_quit(self) -> None:
         self.run_worker(self.action_quit(), exclusive=False)
-
-    def add_closer(self, closer: Callable[[], Awaitable[None]]) -> None:
-        """Register a coroutine function that runs before the screen closes. The functions run in the reverse
-        order of their registration.
-        """
-        self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         return (*super().get_line_filters(), self._control_char_filter)
@@ -178,7 +146,6 @@ class BcapApp(KeyOrderApp):
         return key.upper() if key[1:].isdecimal() else key
 
     def get_driver_class(self) -> type[Driver]:
-        """Return the platform's or the browser's driver, extended with the HALT keys."""
         driver = make_server_safe_driver(super().get_driver_class(), self._request_quit)
         return make_halt_driver(driver, self._halt_by_key)
 
@@ -186,11 +153,8 @@ class BcapApp(KeyOrderApp):
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
-        """Register a callback for HALT. Any thread may call the callback, which must not raise an exception.
-
-        Args:
-            halt: Callback that stops motion without waiting. The callback returns True if it stopped a
-                motion.
+        """Register a callback that stops motion without waiting, and returns whether it stopped a motion. Any
+        thread may call the callback, which must not raise an exception.
         """
         self._halts.append(halt)
 
@@ -203,9 +167,7 @@ class BcapApp(KeyOrderApp):
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Show a message and stop all motion. If `_halt_by_key` has just stopped all motion, only show the
-        message.
-        """
+        """Stop all motion, unless `_halt_by_key` has just done so, and show a message."""
         halted_at, was_moving = self._last_halt
         if time.monotonic() - halted_at > HALT_KEY_WINDOW:
             was_moving = self.halt()
@@ -221,12 +183,10 @@ class BcapApp(KeyOrderApp):
             self.exit()
 
     async def _run_closers(self) -> None:
-        """Run all closers within `CLOSE_TIMEOUT` seconds; an error in one closer does not prevent the other
-        closers from running.
-        """
+        """Run all closers within `CLOSE_TIMEOUT` seconds, even if one of them fails."""
         with suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_TIMEOUT):
-                await self._closers.aclose()
+                await self.closers.aclose()
 
     def run_until_closed(self) -> None:
         """Run the application until it is closed; after a bug, print the traceback and raise `SystemExit`."""
@@ -251,21 +211,23 @@ class BcapApp(KeyOrderApp):
             text = label("shell.settings.unwritable", path=str(self._settings_path), reason=os_reason(error))
             self.show_message(text, "warning")
 
+    def add_recent(self, item: str, recent: list[str]) -> None:
+        """Put an item in front of one of the lists in the settings, and save the settings."""
+        recent[:] = with_recent(item, recent)
+        self.save_settings()
+
     def copy_to_clipboard(self, text: str) -> None:
         """Copy to the clipboard; lone surrogates are escaped, because no clipboard accepts them."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
     def show_message(self, text: str, severity: SeverityLevel = "information") -> None:
-        """Show a temporary message; markup in `text` has no effect."""
         self.notify(text, severity=severity, markup=False)
 
     def action_help_quit(self) -> None:
-        """Show which key quits the application, because Ctrl-C does not."""
         self.show_message(label("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
-        names = [theme.name for theme in THEMES]
-        self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
+        self.action_theme(THEME_NAMES[(THEME_NAMES.index(self.theme) + 1) % len(THEME_NAMES)])
 
     def action_theme(self, name: str) -> None:
         self._select_theme(name)

@@ -1,9 +1,7 @@
-"""Ink marks in rendered lines. An ink mark is a control character that sets the style of the text after the
-ink mark.
+"""Ink marks: control characters in rendered lines, each of which sets the style of the text after it.
 
-A renderer writes a style code from a `Palette` before each piece of text. The style codes of the palette
-`INK` are control characters, called ink marks. Text from the wire cannot contain ink marks, because
-bcapscope escapes all control characters in text from the wire.
+Renderers write the style codes of a `Palette`; those of the palette `INK` are ink marks. Text from the wire
+cannot contain ink marks, because bcapscope escapes its control characters.
 """
 
 from __future__ import annotations
@@ -21,12 +19,8 @@ from bcapscope.render.color_palette import Palette
 INK = Palette(
     number="\x01", name="\x02", hex="\x03", problem="\x04", good="\x05", bad="\x06", dim="\x07", reset="\x0e"
 )
-"""The palette for all widgets."""
-
 LIT, CURSOR = "\x0f", "\x10"
-"""Ink marks for the byte view. `LIT` highlights the bytes of the selected field. `CURSOR` highlights the byte
-under the cursor of the byte view.
-"""
+"""Ink marks of the byte view: for the bytes of the selected field, and for the byte under the cursor."""
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
 STYLE_NAMES: Mapping[str, str] = {
@@ -34,10 +28,9 @@ STYLE_NAMES: Mapping[str, str] = {
     LIT: "lit",
     CURSOR: "cursor",
 }
-"""Style name of each control character that sets a style. `INK.reset` has no style name."""
+"""Style name of each ink mark except `INK.reset`, which ends a style."""
 
-Styles = Mapping[str, Style]
-"""Style of the theme for each name in `STYLE_NAMES`."""
+Styles = Mapping[str, Style]  # by the names in `STYLE_NAMES`
 
 
 def styled_pieces(text: str) -> Iterator[tuple[str, str]]:

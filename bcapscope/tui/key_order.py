@@ -1,10 +1,8 @@
-"""Handles keys strictly one after the other. `KeyOrderApp` waits until a key has been handled, and then sends
-the next key to the focused widget.
+"""Handles keys strictly one after the other, each by the widget that has the focus after the previous key.
 
-When Textual reads a key, it chooses at once which widget gets the key. The widget handles the key later,
-after Textual has offered the key to the widget's parents. Fast typing, pasting and remote terminals can
-deliver `/` and letters in one packet. Without `KeyOrderApp`, letters that follow `/` would not reach the
-input field that `/` opens.
+Textual chooses the widget when it reads a key, but the widget handles the key later. Fast typing, pasting and
+remote terminals can deliver `/` and letters in one packet. The letters would then not reach the input field
+that `/` opens.
 """
 
 from __future__ import annotations
@@ -22,12 +20,9 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Maximum time in seconds that keys wait until the previous key is handled. Without a limit, keys would wait
-forever if the widget of the previous key no longer exists.
-"""
+"""Maximum time in seconds that keys wait for the previous key, whose widget may no longer exist."""
 
-_MOUNT_POLL_INTERVAL = 0.02
-"""Time in seconds between checks whether a new screen is mounted."""
+_MOUNT_POLL_INTERVAL = 0.02  # seconds
 
 
 @dataclass
@@ -42,8 +37,6 @@ class KeyHandled(Message):
 
 
 class KeyOrderApp(App[None]):
-    """A Textual application that handles keys one after the other."""
-
     _pending: KeyHandled | None = None
     _watched_key: KeyHandled | None = None
 
@@ -53,9 +46,7 @@ class KeyOrderApp(App[None]):
         self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}
 
     async def on_event(self, event: Event) -> None:
-        """Delay normal keys and pasted text until the widgets have handled the previous key. Urgent keys,
-        such as the HALT keys, do not wait.
-        """
+        """Delay keys and pasted text until the previous key is handled, except urgent keys such as HALT."""
         is_urgent = isinstance(event, Key) and event.key in self._urgent_keys
         if not isinstance(event, Key | Paste) or event.is_forwarded or is_urgent:
             await super().on_event(event)
@@ -66,9 +57,7 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver an event. After a printable key for an input field, deliver the next event in the queue
-        immediately.
-        """
+        """Deliver an event; after a printable key for an input field, deliver the next event at once."""
         while True:
             target = self.focused or self.screen
             await super().on_event(event)
@@ -91,9 +80,7 @@ class KeyOrderApp(App[None]):
         self.call_later(self._deliver_next, message)
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """Deliver the next key. If the previous key opened a screen, wait until this
-        screen is mounted.
-        """
+        """Deliver the next key as soon as a screen that the previous key opened is mounted."""
         if marker is not self._pending:
             return
         if not self._queued_events:

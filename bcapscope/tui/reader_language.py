@@ -1,7 +1,4 @@
-"""The language of the screen, and labels in that language.
-
-Each label is a message. The id of a label begins with the name of a screen or widget, as in `shell.quit`.
-"""
+"""The language of the screen, and labels, which are messages whose ids begin with a screen or widget."""
 
 from __future__ import annotations
 
@@ -28,7 +25,6 @@ def current_language() -> Language:
 
 
 def reader_words() -> MessageFormatter:
-    """Return the message formatter that writes in the language of the screen."""
     return _Reader.words
 
 
@@ -38,10 +34,9 @@ def label(id: str, /, **places: PlaceValue) -> str:
 
 
 def full_error_text(error: Exception) -> str:
-    """Return the text of an exception in the language of the screen."""
     return _Reader.words.text(message_of(error))
 
 
 def table_text(english: str) -> str:
-    """Return a text of the protocol's tables, such as a command's purpose, in the language of the screen."""
+    """Translate a text of the protocol's tables, such as a command's purpose."""
     return _Reader.words.text(table_message(english))

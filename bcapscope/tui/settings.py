@@ -16,11 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Replace a file atomically, or create the file and its missing parent folders.
-
-    Raises:
-        OSError: The file cannot be written; an old file is unchanged.
-    """
+    """Replace or create a file, with its parent folders. An `OSError` leaves the old file unchanged."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -37,15 +33,10 @@ MAX_RECENT = 20
 
 
 class Settings(msgspec.Struct, omit_defaults=True):
-    """Settings that the user chose, and recently used files and hosts.
-
-    Attributes:
-        language: Language of the screen, ``en`` or ``ja``; if empty, the environment variable LANG decides.
-        captures: Recently opened captures, latest first.
-    """
+    """Settings that the user chose, and recently used files and hosts, latest first."""
 
     theme: str = "dark"
-    language: str = ""
+    language: str = ""  # "en" or "ja"; if empty, the environment variable LANG decides
     captures: list[str] = []
     hosts: list[str] = []
     trajectories: list[str] = []
@@ -68,16 +59,11 @@ def read_settings(path: Path) -> tuple[Settings, Message | None]:
 
 
 def write_settings(settings: Settings, path: Path) -> None:
-    """Write the settings atomically; raises `OSError` if writing fails."""
     write_atomically(path, msgspec.yaml.encode(settings))
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return a list that starts with `item`, followed by the other items of `recent`. The list has at most
-    `MAX_RECENT` items.
-
-    A file name with a lone surrogate is not added, because YAML cannot store it.
-    """
-    if any("\ud800" <= letter <= "\udfff" for letter in item):
+    """Put `item` in front of the other items of `recent`, but return at most `MAX_RECENT` items."""
+    if any("\ud800" <= letter <= "\udfff" for letter in item):  # YAML cannot store a lone surrogate
         return recent
     return [item, *(each for each in recent if each != item)][:MAX_RECENT]

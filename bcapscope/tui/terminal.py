@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from io import FileIO
 from typing import IO, Any
 
 from rich.cells import cell_len
@@ -18,14 +19,15 @@ from textual.events import Key
 from textual.filter import LineFilter
 from textual.message import Message
 
+from bcapscope.capture.append_log import write_all
+
 HALT_KEYS = ("f12", "ctrl+backslash")
 """Keys that stop the robot on every screen."""
 
 
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
     """Return a terminal driver whose reading thread calls `halt` as soon as it reads a HALT key. The driver
-    also discards its output once the terminal is gone. When the program continues after a stop (SIGCONT), the
-    driver takes over the terminal again.
+    discards its output once the terminal is gone, and takes over the terminal again after SIGCONT.
     """
 
     class HaltDriver(driver):  # type: ignore[valid-type, misc]  # the base class varies
@@ -43,10 +45,8 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
             super().process_message(message)
 
         def _sigcont_application(self, *arguments: Any) -> None:
-            """Take over the terminal again after SIGCONT. Do nothing if the terminal no longer exists.
-
-            Textual's own method would start a second reading thread and a second writing thread. If two
-            reading threads and two writing threads run, Textual ends only one of each.
+            """Take over the terminal again, unless it no longer exists. Without `suspend_application_mode`,
+            Textual would start second reading and writing threads, of which it later ends only one.
             """
             if not os.isatty(self.fileno):
                 return
@@ -59,11 +59,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 
 
 class _HangupSafeFile:
-    """An output file that discards data after the terminal has gone.
-
-    If writing raised an error, Textual's writing thread would end, and the program would never finish its
-    shutdown.
-    """
+    """Discards data after the terminal has gone, because an error would end Textual's writing thread."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
@@ -79,13 +75,9 @@ class _HangupSafeFile:
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
-    """Extend a browser driver: the new driver ends the program if the web server is gone. Return any other
-    driver unchanged. Without the web server, Textual's own browser driver raises an error or continues to run
-    unseen.
-
-    Args:
-        on_end: Function that ends the program cleanly. The event loop calls `on_end` when the viewer or the
-            server is gone.
+    """Extend a browser driver, so that the event loop calls `on_end` when the viewer or the web server is
+    gone. Textual's own browser driver would raise an error or continue to run unseen. Return any other driver
+    unchanged.
     """
     if not issubclass(driver, WebDriver):
         return driver
@@ -93,18 +85,21 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
     class ServerSafeDriver(driver):  # type: ignore[valid-type, misc]  # mypy cannot know the base class
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
-            self._write = partial(_write_all, self.fileno)
+            self._output = FileIO(self.fileno, "w", closefd=False)
+            self._write = self._write_while_connected
             self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
 
+        def _write_while_connected(self, data: bytes) -> None:
+            with suppress(OSError):
+                write_all(self._output, data)
+
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-            """Handle a message from the server; `quit` ends the program in the same way as Ctrl-Q."""
             if packet_type == "quit":
                 self._end_program()
             else:
                 super().on_meta(packet_type, payload)
 
         def run_input_thread(self) -> None:
-            """Read keys until the screen closes or the server disconnects."""
             super().run_input_thread()
             if not self.exit_event.is_set():
                 self._end_program()
@@ -112,25 +107,11 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
     return ServerSafeDriver
 
 
-def _write_all(fileno: int, data: bytes) -> int:
-    """Write the whole of `data`, even if a signal interrupts one write operation. Discard `data` if the
-    server is gone.
-    """
-    size = len(data)
-    with suppress(OSError):
-        while data:
-            data = data[os.write(fileno, data) :]
-    return size
-
-
 _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
-_IDEOGRAPHIC_SPACE = "\u3000"
-"""Python does not count the ideographic space as printable, but Japanese texts often use this character."""
+_IDEOGRAPHIC_SPACE = "\u3000"  # not printable according to Python, but frequent in Japanese texts
 
 
 class ControlCharFilter(LineFilter):
-    """Replaces or removes each character that is not printable."""
-
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         if all(segment.text.isprintable() for segment in segments):
             return segments
@@ -143,9 +124,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each unprintable character with one U+FFFD per terminal column of the character. A control
-    character has no column, so the function removes control characters.
-    """
+    """Replace each unprintable character with one U+FFFD per column; a control character has no column."""
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
         for char in text

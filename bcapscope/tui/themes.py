@@ -1,7 +1,5 @@
-"""The three themes: light, dark, and a third theme for people with any kind of colour vision.
-
-The third theme uses the colours of Okabe and Ito 2008, "Color Universal Design"; success is blue and failure
-is orange. No theme conveys anything by colour alone.
+"""The themes, none of which conveys anything by colour alone. "safe" is for people with any kind of colour
+vision, and has the colours of Okabe and Ito 2008, "Color Universal Design".
 """
 
 from __future__ import annotations
@@ -43,13 +41,9 @@ block-cursor-foreground          #ffffff             #000000             #ffffff
 block-cursor-blurred-background  #2a323c             #e0e4e0             #303030
 block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
 """
-"""Table of colours: one row per colour name, and one column per theme.
+"""Each row is a colour, each column a theme. The rows "ink-…" are styles of rendered lines."""
 
-Rows whose names begin with "ink-" are styles of rendered lines. A colour whose name begins with "ink-",
-"border" or "block-" is a variable of the style sheet.
-"""
-
-_VARIABLE_PREFIXES = ("ink-", "border", "block-")
+_VARIABLE_PREFIXES = ("ink-", "border", "block-")  # variables of the style sheet
 
 
 def _read_themes() -> Iterator[Theme]:
@@ -62,6 +56,7 @@ def _read_themes() -> Iterator[Theme]:
 
 
 THEMES = tuple(_read_themes())
+THEME_NAMES = [theme.name for theme in THEMES]
 
 _MIN_CONTRAST = 4.5
 """Minimum contrast ratio of text and background (WCAG 2.2)."""
@@ -72,22 +67,14 @@ _BOLD = frozenset({"name", "problem", "bad"})
 
 
 def theme_styles(theme: Theme) -> Styles:
-    """Return the styles that a theme gives to rendered lines, by style name."""
     found = {key.removeprefix("ink-"): value for key, value in theme.variables.items() if "ink-" in key}
     return {key: Style.parse(f"bold {value}" if key in _BOLD else value) for key, value in found.items()}
 
 
 def readable_style(style: Style, background: Style) -> Style:
-    """Return a readable style. If the colour of `style` has too little contrast, the result mixes this colour
-    with the text colour of `background`.
-    """
+    """Mix the colour of `style` with the text colour of `background` until the contrast is sufficient."""
     both = background + style
-    if (
-        style.color is None
-        or style.bgcolor is not None
-        or background.color is None
-        or background.bgcolor is None
-    ):
+    if style.bgcolor or not (style.color and background.color and background.bgcolor):
         return both
     color, own, behind = map(Color.from_rich_color, (style.color, background.color, background.bgcolor))
     blends = (color.blend(own, step / _BLEND_STEPS) for step in range(_BLEND_STEPS + 1))
@@ -96,7 +83,7 @@ def readable_style(style: Style, background: Style) -> Style:
 
 
 def contrast(one: Color, other: Color) -> float:
-    """Return the contrast ratio of two colours, 1 to 21 (WCAG 2.2)."""
+    """Return the contrast ratio, 1 to 21 (WCAG 2.2)."""
     light, dark = sorted((_luminance(one), _luminance(other)), reverse=True)
     return (light + 0.05) / (dark + 0.05)
 

@@ -81,8 +81,8 @@ def test_an_error_of_ours_ends_the_screen_and_lets_go_of_everything(
         raise OSError("and this one")
 
     made = make(ScreenEntry("here", "f2", "traffic", Faulty))
-    made.add_closer(closed)
-    made.add_closer(failing)
+    made.closers.push_async_callback(closed)
+    made.closers.push_async_callback(failing)
     with pytest.raises(OSError, match="and this one"):
         asyncio.run(made.run_async(headless=True))
     assert done == ["failing", "closed"]
@@ -216,7 +216,7 @@ def test_what_is_to_be_let_go_of_is_before_the_end_the_last_first() -> None:
             async def close(name: str = name) -> None:
                 done.append(name)
 
-            made.add_closer(close)
+            made.closers.push_async_callback(close)
         await pilot.press("ctrl+q")
         await pilot.press("ctrl+q")
 
@@ -232,7 +232,7 @@ def test_what_does_not_let_go_does_not_keep_the_screen_open(monkeypatch: pytest.
         async def hang() -> None:
             await asyncio.Event().wait()
 
-        made.add_closer(hang)
+        made.closers.push_async_callback(hang)
         await pilot.press("ctrl+q")
 
     drive(made := app(), act)

@@ -50,7 +50,7 @@ def show_tester(
     from bcapscope.tui.screens.traffic_screen import TrafficScreen
 
     folder, log_folder = requests or default_requests_folder(), default_folder()
-    with TemporaryFolder() as temporary:
+    with closing(TemporaryFolder()) as temporary:
         own = temporary.path / "own.pcapng"
         with closing(BackgroundRecorder(Recorder(own, lambda message: None))) as recorder:
             port, kind = _server_port(ports), profile or DEFAULT_PROFILE
@@ -97,7 +97,7 @@ def _show_own_proxy(
         parse_listener_specs(listen, to)
     if record is not None:
         check_output_path(record)
-    with TemporaryFolder() as folder:
+    with closing(TemporaryFolder()) as folder:
         record = record or folder.path / "proxy.pcapng"
         control = rules.control or _control_address(folder.path)
         words = [word for each in listen for word in ("--listen", each)]
@@ -115,7 +115,7 @@ def show_simulator(ports: Sequence[int], profile: str | None, scenario: str | No
     words = ["--port", f"{_server_port(ports)}", "--quiet"]
     words += ["--profile", profile] if profile else []
     words += ["--scenario", scenario] if scenario else []
-    with TemporaryFolder() as folder:
+    with closing(TemporaryFolder()) as folder:
         record = str(folder.path / "simulator.pcapng")
         with _running_command("sim", "--record", record, *words) as child:
             (address,) = child.listen_addresses

@@ -1,6 +1,4 @@
-"""The built-in simulator is for users of the Tester who have no controller. It is a process that listens on a
-free loopback port.
-"""
+"""The built-in simulator: a process on a free loopback port, for users who have no controller."""
 
 from __future__ import annotations
 
@@ -32,21 +30,16 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles of the simulated arm at the start, in degrees, as VT_R4 values. DENSO Wave 2009, How to use
-the Slave mode, shows these joint angles as the position after slvMove.
-"""
+"""Degrees as VT_R4 values: the position after slvMove in DENSO Wave 2009, How to use the Slave mode."""
 
 END_TIMEOUT = 2.0
-"""Time limit in seconds for the simulator to end. After this time, bcapscope kills the simulator.
-"""
+"""Seconds after which bcapscope kills the simulator."""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"
 
 
 class BuiltInSimulator(NamedTuple):
-    """A running built-in simulator, with its address for UDP and TCP."""
-
     host: str
     port: int
     process: subprocess.Popen[bytes]
@@ -54,11 +47,7 @@ class BuiltInSimulator(NamedTuple):
 
 @contextmanager
 def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSimulator]:
-    """Run the built-in simulator while the `with` block runs.
-
-    Raises:
-        OSError: The simulator does not start.
-    """
+    """Run the built-in simulator while the `with` block runs; raises `OSError` if it does not start."""
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, profile],
         stdin=subprocess.PIPE,

@@ -1,6 +1,4 @@
-"""The history of calls. Calls are shown one per line, selected with a filter, and copied to the clipboard as
-text.
-"""
+"""The history of calls, shown one per line, selected with a filter, and copied to the clipboard as text."""
 
 from __future__ import annotations
 
@@ -32,26 +30,20 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.reader_language import reader_words
 
-_PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Matches a search text of plain words. A search text with ``=`` or ``(`` is a filter expression."""
+_PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")  # any other text, such as one with "=", is a filter expression
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""A line of the history omits the names of controllers and robots, so that the call's result fits on the
-screen. Usually, a client uses only one controller and one robot.
-"""
+"""Classes of objects that a line omits, because usually a client uses only one controller and one robot."""
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]
-"""Function that returns whether the filter selects a call."""
 
 _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH: "~"}
 
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
-    """Return a call as one line: number, time (UTC), a mark that shows who made the call, function or
-    command, object, result, duration.
-    """
+    """Return number, time (UTC), mark of the initiator, function or command, object, result and duration."""
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
     if record.reply is not None:
@@ -65,9 +57,6 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
 
 
 def _subject_text(record: HistoryRecord) -> str:
-    """Return the name of the call's object; "" for a controller or robot, whose name is omitted (see
-    `_UNNAMED_SUBJECTS`).
-    """
     subject = record.subject
     if subject is None or subject.kind in _UNNAMED_SUBJECTS:
         return ""
@@ -85,14 +74,8 @@ def _argument_text(record: HistoryRecord) -> str:
 
 
 def history_filter(text: str) -> RecordFilter:
-    """Return a filter for calls.
-
-    Args:
-        text: Words that the line of a call must contain, or a filter expression. With an
-            empty text, the filter selects only calls whose initiator is the user.
-
-    Raises:
-        FilterError: The expression is invalid.
+    """Return a filter for words that the line of a call must contain, or for a filter expression. With an
+    empty text, the filter selects only calls of the user. Raises `FilterError` for an invalid expression.
     """
     words = text.casefold().split()
     if not words:
@@ -104,7 +87,7 @@ def history_filter(text: str) -> RecordFilter:
 
 
 def call_of_record(record: HistoryRecord) -> Call | None:
-    """Convert a call to a `Call`, as if it had been captured; return None if no intact request was sent."""
+    """Convert to a `Call`, as if it had been captured; return None if no intact request was sent."""
     calls = CallCollector()
     pipeline = Pipeline(calls)
     for observation in record.packets:
@@ -127,7 +110,6 @@ def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget)
 
 
 def reason_text(reason: Reason) -> str:
-    """Return the reason of a failure in one line."""
     texts = (part if isinstance(part, str) else reader_words().text(part) for part in reason)
     return ", ".join(filter(None, texts)).partition("\n")[0]
 

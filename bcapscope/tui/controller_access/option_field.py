@@ -1,9 +1,6 @@
-"""Parses the text in the Option field of the connection, such as ``Timeout=300``. b-CAP Tester also has an
-Option field.
-
-The text consists of settings, separated by commas. Each setting has a key and a value. bcapscope sends some
-settings to the controller, with Service_Start or Controller_Connect. bcapscope applies all other settings
-itself.
+"""Parses the text in the Option field of the connection, which b-CAP Tester also has. The text consists of
+settings such as ``Timeout=300``, separated by commas. bcapscope sends some of them to the controller, with
+Service_Start or Controller_Connect, and applies all others itself.
 """
 
 from __future__ import annotations
@@ -17,25 +14,16 @@ from bcapscope.tui.reader_language import label
 _SERVICE_KEYS = ("wdt", "invoketimeout")
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
-"""Names of the providers that bcapscope tries in this order if the user names no provider. The first provider
-is for RC8 and COBOTTA, the second for RC9 and COBOTTA PRO.
-
-An RC7 ignores the provider's name, and therefore accepts the first name in this list.
+"""Names of the providers that bcapscope tries in this order if the user names none. The first provider is for
+RC8 and COBOTTA, the second for RC9 and COBOTTA PRO. An RC7 ignores the provider's name.
 """
 
 
 def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[ControllerTarget, tuple[str, ...]]:
-    """Parse the Option field.
-
-    Args:
-        text: Pairs of key and value, separated by commas; empty for the defaults.
-
-    Returns:
-        The target, and the names of the providers to try.
+    """Parse the Option field. Return the target, and the names of the providers to try.
 
     Raises:
-        ValueError: A pair of key and value is invalid. The error text quotes the invalid pair, and says what
-            is expected.
+        ValueError: A setting is invalid. The error text quotes the setting, and says what is expected.
     """
     target = ControllerTarget(host, port, tcp, name="")
     providers: tuple[str, ...] = AUTOMATIC_PROVIDERS

@@ -1,6 +1,4 @@
-"""Play a trajectory. This module reads and checks the file, runs the player process, and collects the
-player's messages for the screen.
-"""
+"""Play a trajectory: read and check the file, run the player process, and collect the player's messages."""
 
 from __future__ import annotations
 
@@ -41,32 +39,21 @@ from bcapscope.tui.reader_language import reader_words
 
 @dataclass(frozen=True, slots=True)
 class PlaybackSettings:
-    """The user's settings for playing a trajectory.
-
-    Attributes:
-        index: Number of the trajectory in the file, from 1.
-        interval: Cycle time in ms.
-        speed: Playing speed divided by the speed in the file.
-        rounds: Number of repetitions; 0 repeats until stopped.
-        always_resample: Whether to resample even if speed and interval are the same as in the file.
-        limits: Arm limits in the notation of `player.arm_limits.with_limits`.
-    """
+    """The user's settings for playing a trajectory."""
 
     path: str
-    index: int
+    index: int  # number of the trajectory in the file, from 1
     mode: SlaveModePacing | int
-    interval: float
-    speed: float
-    rounds: int
-    always_resample: bool
-    limits: tuple[str, ...]
+    interval: float  # cycle time in ms
+    speed: float  # divided by the speed in the file
+    rounds: int  # 0 repeats until stopped
+    always_resample: bool  # even if speed and interval are the same as in the file
+    limits: tuple[str, ...]  # in the notation of `player.arm_limits.with_limits`
 
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play. The pre-flight check runs before the player connects, so it does
-    not know the robot's position.
-    """
+    """A trajectory that is ready to play. Its pre-flight check does not know the robot's position yet."""
 
     settings: PlaybackSettings
     all_trajectories: tuple[Trajectory, ...]
@@ -74,7 +61,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield lines: how bcapscope read the file, its content, and the problems that prevent playing."""
+        """Yield how bcapscope read the file, its content, and the problems that prevent playing."""
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -85,12 +72,7 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """Return a `PlayPlan`, from which the player process plays the trajectory.
-
-        Args:
-            armed: Whether the user confirmed that the robot may move.
-            record: Name of a new file for a recording of the whole conversation.
-        """
+        """`armed`: the user confirmed that the robot may move. `record`: a new file for a recording."""
         settings, trajectory = self.settings, self.trajectory
         return PlayPlan(
             target=target,
@@ -107,14 +89,8 @@ class PreparedTrajectory:
 
 
 def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
-    """Read a trajectory file, resample the trajectory and check it. This can take long.
-
-    Args:
-        type_name: Type of the robot; empty if unknown.
-
-    Raises:
-        TrajectoryError: The file contains no trajectory that can be played.
-        ValueError: The limits are invalid.
+    """Read, resample and check a trajectory, which can take long. `type_name` is the type of the robot; empty
+    if unknown. Raises `TrajectoryError` if there is no trajectory, or `ValueError` for invalid limits.
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):
@@ -128,15 +104,15 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
 
 
 POLL_SECONDS = 0.1
-"""Maximum time in seconds that `next_messages` waits for messages from the player."""
 
 
 class PlayerSlot:
     """Holds at most one player."""
 
+    _player: PlayerProcess | None = None
+    _ended: PlayEnded | None = None
+
     def __init__(self) -> None:
-        self._player: PlayerProcess | None = None
-        self._ended: PlayEnded | None = None
         self._read_lock = asyncio.Lock()
 
     @property
@@ -156,11 +132,7 @@ class PlayerSlot:
             raise
 
     async def next_messages(self) -> list[PlayerMessage]:
-        """Wait at most `POLL_SECONDS` seconds for messages from the player, and return the messages that
-        arrived.
-
-        The last message of a player always says how the run ended.
-        """
+        """Wait `POLL_SECONDS` at most for messages. The last one is always a `PlayEnded`."""
         async with self._read_lock:
             if self._player is not None:
                 return await asyncio.to_thread(self._player.wait_for_messages, POLL_SECONDS)
@@ -172,7 +144,7 @@ class PlayerSlot:
             self._player.answer(choice)
 
     def stop(self) -> None:
-        """Tell the player to bring the robot to rest on its path, and then to end."""
+        """Bring the robot to rest on its path, then end the player, without waiting."""
         if self._player is not None:
             self._player.stop()
 
@@ -192,38 +164,28 @@ class PlayerSlot:
                 self._ended = await asyncio.to_thread(player.close)
 
 
-MAX_SAMPLES = 600
-"""Number of readings that the plots show. At twenty readings per second, the plots cover half a minute."""
+MAX_SAMPLES = 600  # twenty readings per second cover half a minute
 
 
 @dataclass(slots=True)
 class PlaybackRun:
-    """The reports of the player about one playback of a trajectory.
-
-    Attributes:
-        samples: Latest readings, each as elapsed seconds, set point and returned pose.
-        preflight: Pre-flight check against the connected controller; None before the connection.
-        readiness: Text that says which real-time settings the system allows; None until the player sends this
-            text.
-    """
+    """The reports of the player about one playback of a trajectory."""
 
     plan: PlayPlan
     trajectory: Trajectory
     progress: PlayProgress | None = None
     samples: deque[tuple[float, SetPointValues, SetPointValues]] = field(
         default_factory=lambda: deque(maxlen=MAX_SAMPLES)
-    )
+    )  # the latest readings: elapsed seconds, set point and returned pose
     peer: ControllerInfo | None = None
-    preflight: PreflightResult | None = None
-    readiness: Message | None = None
+    preflight: PreflightResult | None = None  # against the connected controller
+    readiness: Message | None = None  # which real-time settings the system allows
     troubles: list[PlayerProblem] = field(default_factory=list)
     question: PlayerQuestion | None = None
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a message of the player. If the message is a question, and the screen can answer it without
-        the user, return the answer.
-        """
+        """Store a message of the player. Return the answer to a question that needs no user."""
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
                 self.progress = message
@@ -248,12 +210,9 @@ class PlaybackRun:
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Margin of the controller's buffer, according to a model.
-
-        The margin has three values: number of buffer slots, duration of a full buffer (ms), and duration left
-        after the longest pause (ms). The controller in the model takes one set point every 8 ms. Before
-        the second set point, the margin of the buffer is None. If the slave mode allows an empty buffer, the
-        margin of the buffer is None.
+        """Number of buffer slots in the controller, duration of a full buffer (ms), and duration left after
+        the longest pause (ms), according to a model that takes one set point every 8 ms. None before the
+        second set point, or if the slave mode allows an empty buffer.
         """
         mode = None if self.peer is None else self.peer.slave_mode
         progress = self.progress

@@ -6,8 +6,7 @@
     - i4:2
     note: slave mode with joints
 
-The file omits the handle, because the request uses the object that is selected when the user sends the
-request.
+The file omits the handle, because the request uses the object that is selected when the user sends it.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from bcapscope.tui.reader_language import full_error_text
 from bcapscope.tui.settings import write_atomically
 
 MAX_FILE_SIZE = 100_000
-"""Maximum size in bytes of a file; a b-CAP request written by hand is far smaller."""
+"""Maximum size in bytes of a file."""
 
 _UNSAFE = re.compile(r"[^\w .-]+")
 _SUFFIX = ".yaml"
@@ -50,16 +49,9 @@ class _RequestFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=Tru
 
 
 class SavedRequest(NamedTuple):
-    """A request without its handle.
-
-    Attributes:
-        name: File name without its extension.
-        values: Arguments of the request without the handle.
-    """
-
-    name: str
+    name: str  # of the file, without its extension
     function: Function
-    values: tuple[Variant, ...]
+    values: tuple[Variant, ...]  # arguments without the handle
     note: str = ""
 
 
@@ -80,11 +72,7 @@ def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
 
 
 def load_request(path: Path) -> SavedRequest:
-    """Read one file.
-
-    Raises:
-        SavedRequestError: The file is missing or contains no request; the error text names the invalid field.
-    """
+    """Read one file; raises `SavedRequestError`, whose text names an invalid field."""
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_SIZE + 1)
@@ -123,12 +111,7 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
 def save_request(
     folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = ""
 ) -> Path:
-    """Write a saved request atomically, and return its file.
-
-    Args:
-        name: Name of the request. bcapscope makes the file name from this name.
-        arguments: All arguments of the request. If the function takes a handle, the handle is the first
-            argument.
+    """Write a saved request atomically, and return its file. `arguments` include the handle.
 
     Raises:
         SavedRequestError: An argument has no text notation, the name is empty, or the file cannot be written.

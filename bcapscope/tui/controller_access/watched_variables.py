@@ -16,16 +16,14 @@ from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.reader_language import label
 
-MAX_READINGS = 120
-"""Readings in the sparkline."""
-
+MAX_READINGS = 120  # in the sparkline
 _SECOND = 1_000_000_000
 _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
 
 
 @dataclass(slots=True)
 class WatchSeries:
-    """Readings of one number over time. The number is the value of a variable, or one element of an array."""
+    """Readings of one number over time: the value of a variable, or one element of an array."""
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
     minimum: float | None = None
@@ -52,19 +50,13 @@ class WatchSeries:
 
 @dataclass(slots=True)
 class WatchedVariable:
-    """A variable that the Tester reads again and again, with its latest readings.
+    """A variable that the Tester reads again and again, with its latest readings."""
 
-    Attributes:
-        label: Name of the variable for the user, such as `Gundam.@CURRENT_ANGLE`.
-        problem: Reason why the last reading failed; empty if it succeeded.
-        series: A `WatchSeries` for each number in the variable's value; empty for text.
-    """
-
-    label: str
+    label: str  # such as `Gundam.@CURRENT_ANGLE`
     handle: int
     value: Variant | None = None
-    problem: str = ""
-    series: list[WatchSeries] = field(default_factory=list)
+    problem: str = ""  # why the last reading failed; empty if it succeeded
+    series: list[WatchSeries] = field(default_factory=list)  # one for each number in the value
 
     @property
     def decimals(self) -> int:
@@ -83,14 +75,13 @@ class WatchedVariable:
 
 
 def _numbers(variant: Variant) -> list[float]:
-    """Return the number in a value, or the numbers of an array; [] if one of the elements is no number."""
+    """Return the numbers in a value; [] if one of its elements is no number."""
     values = variant.value if isinstance(variant.value, tuple) else (variant.value,)
     numbers = [float(each) for each in values if isinstance(each, bool | int | float)]
     return numbers if len(numbers) == len(values) else []
 
 
-READ_INTERVAL = 0.5
-"""Seconds between two reads."""
+READ_INTERVAL = 0.5  # seconds
 
 
 class VariableWatcher:
@@ -128,10 +119,7 @@ class VariableWatcher:
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
-        """Read one variable. In slave mode, this method reads nothing, because any call except a set point
-        may end slave mode.
-        """
-        if self._session.polling_paused:
+        if self._session.polling_paused:  # in slave mode, any call except a set point may end slave mode
             variable.problem = label("controller.not-read")
             return
         try:

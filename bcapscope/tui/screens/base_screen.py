@@ -1,6 +1,4 @@
-"""Base classes of the screens: a screen with bars, help and command palette, and a screen with several views.
-Also a prompt.
-"""
+"""Base classes of the screens, with bars, help and command palette, or with several views. Also a prompt."""
 
 from __future__ import annotations
 
@@ -64,7 +62,7 @@ class HelpScreen(ModalScreen[None]):
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the action's key as shown to the user; "" for no key."""
+    """An action in the command palette. `key` is the name of the action's key; "" for no key."""
 
     name: str
     tip: str
@@ -145,9 +143,7 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the top bar and the key bar. Before the first layout, set the style classes
-        that depend on the terminal width.
-        """
+        # Textual would set the style classes that depend on the terminal width only after the first layout.
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
         yield TopBar()
@@ -155,19 +151,13 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Exclude the mounted widgets from garbage collection. A garbage collection that scans the widgets
-        would delay the response to keys.
-        """
-        self.call_after_refresh(gc.freeze)
+        self.call_after_refresh(gc.freeze)  # a collection that scans the widgets would delay keys
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Skip Textual's style update, because each widget has the right styles, even after a change of
-        theme.
-        """
-        event.refresh_styles = False
+        event.refresh_styles = False  # each widget has the right styles, even after a change of theme
 
     def call_in_screen(self, function: Callable[..., object], *arguments: object) -> None:
-        """Call a function in the screen's thread. Any thread may call this method, which does not wait."""
+        """Call a function in the screen's thread, without waiting. Any thread may call this method."""
         self.call_later(function, *arguments)
 
     def content(self) -> ComposeResult:
@@ -185,6 +175,9 @@ class BaseScreen(Screen[None], PlainContainer):
         keys = [command for command in all_commands(self, app_of(self)) if command.key]
         await self.app.push_screen(HelpScreen(label(self.NAME), label(self.ABOUT), keys))
 
+    async def ask(self, title: str, hint: str, value: str = "") -> str | None:
+        return await self.app.push_screen_wait(Prompt(title, hint, value))
+
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
     """Yield a number key for each view of a screen. `tip` is the id of a label that explains the keys."""
@@ -195,15 +188,12 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
-    The content of a subclass must include three widgets: a `ViewBar`, an `InkedText` and a `Switcher`. The
-    `InkedText` with the id ``head`` shows column titles. The `Switcher` contains one list for each view in
-    `VIEWS`. The id of each list is the name of a view.
-
-    Attributes:
-        VIEWS: For each view name, the label id of the view. The screen starts with the first view.
+    The content of a subclass must include a `ViewBar`, an `InkedText` with the id ``head`` for column titles,
+    and a `Switcher` with one list per view, whose id is the name of the view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]
+    """Label ids by view name. The screen starts with the first view."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -227,11 +217,11 @@ class ViewsScreen(BaseScreen):
         self.show_state()
 
     def show_view(self) -> None:
-        """Show the widgets that belong to the visible view, and hide the widgets of all other views."""
+        """Show the widgets of the visible view, and hide those of all other views."""
         raise NotImplementedError
 
     def show_state(self) -> None:
-        """Show in the view bar the number of rows of each view, and the present state of the screen."""
+        """Show the number of rows of each view, and the state of the screen."""
         raise NotImplementedError
 
     def action_back(self) -> None:
@@ -239,8 +229,6 @@ class ViewsScreen(BaseScreen):
 
 
 class Prompt(ModalScreen[str | None]):
-    """Asks the user for a text. The dialog returns the typed text, or None if the user cancels."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "prompt.cancel", key_display="esc")
     ]

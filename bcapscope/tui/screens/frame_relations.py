@@ -1,6 +1,4 @@
-"""How a frame relates to other frames: its description, its request or reply, and filters for related
-frames.
-"""
+"""How a frame relates to other frames: its description, its request or reply, filters for related frames."""
 
 from __future__ import annotations
 
@@ -31,7 +29,6 @@ def call_frames(settled: PairingResult | None) -> frozenset[int]:
 
 
 def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
-    """Return one line that describes a frame and its role in its call."""
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
@@ -57,11 +54,7 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """For a request, return the number of its reply. For a reply, return the number of its request.
-
-    The second result is "". If no reply or request is found, return None and the id of a label that explains
-    the reason.
-    """
+    """Return the number of the frame's reply or request, or None and the id of a label that says why."""
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
     attempts = [seen.number for seen in settled.attempts]
@@ -73,11 +66,7 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
 
 def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
     """Return a filter expression that selects the frames related to a frame; None if no frames are related.
-
-    Args:
-        relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
-        frame: Frame to which the selected frames are related.
-        settled: Call or stray reply to which the frame belongs; None if the call is not complete yet.
+    `relation` is ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
     """
     client = f"client == {frame.observation.flow.conversation.client}"
     if relation == "client":
@@ -113,13 +102,8 @@ def _handle_of(settled: PairingResult | None) -> int | None:
 
 
 def find_frame(text: str, journal: ObservationStore) -> int | None:
-    """Find the frame with a given number, or the frame at a given time. A time is in seconds after the start,
-    such as ``12.5s``.
-
-    Returns:
-        Number of the frame; None if the text is neither a number nor a time. If the text is a time, the
-        result is the first frame at or after this time. If the number or time is too large, the result is the
-        last frame.
+    """Find a frame by its number, or by a time in seconds after the start, such as ``12.5s``. The result is
+    the first frame at or after this time. A number or time that is too large selects the last frame.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)

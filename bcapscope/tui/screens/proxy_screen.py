@@ -33,7 +33,7 @@ from bcapscope.tui.proxy_display import (
     summary_lines,
 )
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.screens.base_screen import Prompt, ViewsScreen, view_keys
+from bcapscope.tui.screens.base_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.lines import ItemList, Lines
@@ -51,24 +51,18 @@ class ProxyState(msgspec.Struct, frozen=True):
     figures: control.ProxyStats
 
 
-POLL_INTERVAL = 0.5
-"""Time in seconds between two queries of the proxy's state."""
+POLL_INTERVAL = 0.5  # seconds between two queries of the proxy's state
 
 _RULE_ACTIONS = frozenset({"switch", "remove"})
 _HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
 
 
 class ProxyScreen(ViewsScreen):
-    """Shows the state of a proxy, and controls the proxy."""
-
     NAME = "proxy"
     ABOUT = "proxy.about"
     AUTO_FOCUS = "#clients"
     VIEWS: ClassVar[Mapping[str, str]] = {
-        "clients": "proxy.clients",
-        "rules": "proxy.rules",
-        "held": "proxy.held",
-        "messages": "proxy.messages",
+        view: f"proxy.{view}" for view in ("clients", "rules", "held", "messages")
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(VIEWS, "proxy.view.tip"),
@@ -91,10 +85,9 @@ class ProxyScreen(ViewsScreen):
         child: ChildProcess | None = None,
         note: str = "",
     ) -> None:
-        """Connect the screen to a proxy.
+        """Control the proxy whose control socket has this address.
 
         Args:
-            address: Address of the proxy's control socket.
             route: Text with the proxy's listening address and the controller's address.
             feed: Traffic of the proxy that the traffic screen shows; None if there is no traffic screen.
             child: Process of the proxy; None if bcapscope did not start the proxy.
@@ -105,6 +98,7 @@ class ProxyScreen(ViewsScreen):
         self.rules = RuleList("proxy.empty.rules", id="rules")
         self.held = HeldList("proxy.empty.held", id="held")
         self._messages = ProxyLog("proxy.empty.messages", id="messages")
+        self._change_line = CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))
         self._control_client = ControlClient(address)
         self._control_lock = threading.Lock()  # only one thread at a time may use the control client
         self.route = route
@@ -126,21 +120,18 @@ class ProxyScreen(ViewsScreen):
         with PlainVertical(id="message"):
             yield InkedText(id="intercepts")
             yield PacketView(id="packet")
-            yield CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))
+            yield self._change_line
 
     def on_mount(self) -> None:
         if self._child is not None:
             self._child.subscribe_output(partial(self.call_in_screen, self.add_output))
             self._child.subscribe_end(partial(self.call_in_screen, self.show_end))
-        app_of(self).add_closer(self._close)
+        app_of(self).closers.callback(self._control_client.close)
         if self._note:
             app_of(self).show_message(self._note, "warning")
         self.set_interval(POLL_INTERVAL, self._poll)
         self.action_view("clients")
         self._poll()
-
-    async def _close(self) -> None:
-        self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         if action in _RULE_ACTIONS:
@@ -157,7 +148,6 @@ class ProxyScreen(ViewsScreen):
             self._query_state()
 
     def _query_state(self) -> None:
-        """Query the proxy's state. Call this method in a thread, because the query blocks."""
         try:
             self.call_in_screen(self._update_state, self.read_state())
         except BcapError as error:
@@ -210,7 +200,6 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Show a problem of the proxy on the traffic screen; "" withdraws the problem."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
@@ -219,9 +208,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def show_end(self, last_line: str) -> None:
-        """Show that the proxy has ended; `last_line` is the last line that the proxy printed; "" if a signal
-        killed the proxy.
-        """
+        """Show that the proxy has ended. `last_line` is the last line it printed; "" if it was killed."""
         self._has_ended = True
         self._problem = label("proxy.ended", reason=printable(last_line) or label("proxy.killed"))
         app_of(self).show_message(self._problem, "error")
@@ -308,8 +295,7 @@ class ProxyScreen(ViewsScreen):
     async def action_intercept(self) -> None:
         self.action_view("held")
         known = self._state.figures.intercept if self._state is not None else None
-        prompt = Prompt(label("proxy.intercept.title"), label("proxy.intercept.hint"), known or "")
-        answer = await self.app.push_screen_wait(prompt)
+        answer = await self.ask(label("proxy.intercept.title"), label("proxy.intercept.hint"), known or "")
         if answer is not None:
             self._send_order(control.SetIntercept(answer.strip() or None))
 
@@ -330,20 +316,15 @@ class ProxyScreen(ViewsScreen):
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:
-        """Propose an edit of the argument under the tree's cursor, in the held message."""
+        """Propose an edit of the argument under the tree's cursor."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))
 
     def action_bytes(self) -> None:
-        """Propose an edit, in hex, of all bytes of the held message."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(held.data.hex(" ").upper())
-
-    @property
-    def _change_line(self) -> CheckedInput:
-        return self.query_one("#change-line", CheckedInput)
 
     def _propose_change(self, text: str) -> None:
         self._change_line.set_text(text)  # the proposal changes nothing yet

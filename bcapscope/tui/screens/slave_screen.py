@@ -43,7 +43,6 @@ from bcapscope.tui.controller_access.playback import (
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
-from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import FilePicker
@@ -55,10 +54,7 @@ _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
     *((pacing.value, pacing) for pacing in SlaveModePacing),
     *((f"0x{number:03X} {pose_type_of_mode(number)}", number) for number in _MODE_NUMBERS),
 )
-_CHECK_DELAY = 0.4
-"""Time in seconds from the last change of a field until the screen reads the trajectory file.
-"""
-
+_CHECK_DELAY = 0.4  # seconds from the last change of a field until the screen reads the trajectory file
 _MAX_ROUNDS = 1_000_000_000
 
 
@@ -161,13 +157,10 @@ class SlaveScreen(BaseScreen):
         is_playable = ready.preflight.is_playable and not self._player_slot.is_playing
         self.query_one("#start", Button).disabled = not is_playable
         app = app_of(self)
-        app.settings.trajectories = with_recent(
-            str(Path(settings.path).absolute()), app.settings.trajectories
-        )
-        app.save_settings()
+        app.add_recent(str(Path(settings.path).absolute()), app.settings.trajectories)
 
     def _read_fields(self) -> PlaybackSettings | str:
-        """Return the settings in the fields, or a text that says what is wrong with the fields."""
+        """Return the settings in the fields, or a text that says what is wrong with them."""
         path = self._field_text("file").strip()
         if not path:
             return label("tester.file.missing")
@@ -248,9 +241,7 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm for the player process. The player process is a separate
-        client, which takes the arm and enters slave mode.
-        """
+        """Leave slave mode and release the arm for the player process, which is a separate client."""
         session = self._session
         try:
             if status.slave_mode:
@@ -288,9 +279,7 @@ class SlaveScreen(BaseScreen):
         self._show_end(run)
 
     def _ask_user(self, run: PlaybackRun) -> None:
-        """Show a question of the player. This method does not wait for the answer, because the screen must
-        still read messages.
-        """
+        """Show a question, without waiting for the answer, because the screen must still read messages."""
         question, run.question = run.question, None
         assert question is not None
         if question.topic is QuestionTopic.ARM and self._session.arming.is_armed(self._session.now()):
@@ -332,7 +321,6 @@ class SlaveScreen(BaseScreen):
         app_of(self).action_halt()
 
     def action_leave(self) -> None:
-        """Bring the robot to rest if the player is running; otherwise close the screen."""
         if self._player_slot.is_playing:
             self._player_slot.stop()
         else:

@@ -1,8 +1,4 @@
-"""The Tester: the functions of the b-CAP Tester window, in a terminal.
-
-The widgets post the user's actions as messages. The Tester screen carries out the user's actions through a
-`ControllerSession`, and passes the results to the widgets.
-"""
+"""The Tester: the functions of the b-CAP Tester window, in a terminal."""
 
 from __future__ import annotations
 
@@ -48,7 +44,6 @@ from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
 from bcapscope.tui.tester.call_steps import CallNotice, CallWanted, function_step, repeating_step, run_armed
@@ -63,16 +58,11 @@ _EXECUTE_CONTROLLER = 17
 
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
-_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""CSS selector of the widgets that `_focus_first_in` skips to reach the main widget of an area."""
+_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"  # not the main widget of an area
 
 
 class TesterOptions(NamedTuple):
-    """Initial state of the Tester.
-
-    If `host` is empty, the Tester starts the built-in simulator. The threads of the `ControllerSession` call
-    `tap` with each observation.
-    """
+    """If `host` is empty, the built-in simulator starts. The session's threads call `tap`."""
 
     requests_folder: Path
     log_folder: Path
@@ -85,8 +75,6 @@ class TesterOptions(NamedTuple):
 
 
 class TesterScreen(BaseScreen):
-    """Connects to a controller, makes calls, and shows their packets."""
-
     NAME = "tester.name.screen"
     ABOUT = "tester.about"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - Textual declares a list
@@ -136,7 +124,7 @@ class TesterScreen(BaseScreen):
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
-        app.add_closer(self._close)
+        app.closers.push_async_callback(self._close)
         self.set_interval(1.0, self._show_status)
         self._show_status()
         self.query_one("#connect", Button).focus()
@@ -228,9 +216,7 @@ class TesterScreen(BaseScreen):
     @on(ConnectWanted)
     @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        """Connect to a controller. If the controller is the built-in simulator and has exited, restart the
-        simulator first.
-        """
+        """Connect to a controller; if it is the built-in simulator and has exited, restart it first."""
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
             panel.wait_for_address()
@@ -247,16 +233,14 @@ class TesterScreen(BaseScreen):
             if await self.session.run_in_loop(step):
                 self._focus_next_form(panel)
             if self.session.status.is_connected and self._simulator is None:
-                settings = app_of(self).settings
-                settings.hosts = with_recent(wanted.host, settings.hosts)
-                app_of(self).save_settings()
+                app_of(self).add_recent(wanted.host, app_of(self).settings.hosts)
         finally:
             if panel.children:  # if the screen has no child widgets, it is being closed
                 self._set_connecting(panel, False)
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the form that the user needs next, unless the user has moved the focus to another area."""
+        """Focus the form that is needed next, unless the user has moved the focus to another area."""
         if self.focused is None or panel in self.focused.ancestors:
             for name in ("#robot-forms", "#panels"):
                 if self._focus_first_in(self.query_one(name)):
@@ -277,7 +261,6 @@ class TesterScreen(BaseScreen):
     @on(CallWanted)
     @work(group="call")
     async def _make_calls(self, wanted: CallWanted) -> None:
-        """Run a step, and show its outcome. If the step needs arming, ask the user to arm first."""
         display = wanted.result_display
         display.show_pending()
         try:
@@ -379,9 +362,6 @@ class TesterScreen(BaseScreen):
     # Navigation.
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for tabs and views. Without the palette, the user may need several keys to
-        open a tab or view.
-        """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
                 title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))

@@ -1,9 +1,8 @@
-"""The traffic screen for a capture, an interface or a simulator, with keys to navigate, mark, save and
-open.
-"""
+"""The traffic screen, with keys to navigate, mark, save and open; and the screen of a simulator's traffic."""
 
 from __future__ import annotations
 
+import asyncio
 import os.path
 from collections.abc import Iterator
 from functools import partial
@@ -19,9 +18,9 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
-from bcapscope.tui.screens.base_screen import Prompt, view_keys
+from bcapscope.tui.screens.base_screen import view_keys
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
-from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.finding_page import FindingPage
@@ -33,8 +32,6 @@ _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 
 class TrafficScreen(TrafficViews):
-    """Lets the user navigate between related frames, mark and save packets, and open other captures."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
         Binding("slash", "filter", "traffic.filter", key_display="/"),
@@ -171,7 +168,7 @@ class TrafficScreen(TrafficViews):
         number = self.frame_number
         if number is None:
             return
-        frame, settled = self.frames.read_frame(number), self.settled_at(number)
+        frame, settled = self.frames.source.read_frame(number), self.settled_at(number)
         found = frame_relations.related_filter(what, frame, settled)
         if found is None:
             app_of(self).show_message(label("traffic.no_handle" if what == "handle" else "traffic.no_call"))
@@ -184,9 +181,7 @@ class TrafficScreen(TrafficViews):
     @work
     async def action_goto(self) -> None:
         journal = self.feed.journal
-        answer = await self.app.push_screen_wait(
-            Prompt(label("traffic.goto.title"), label("traffic.goto.hint"))
-        )
+        answer = await self.ask(label("traffic.goto.title"), label("traffic.goto.hint"))
         if not answer or journal is None or not len(journal):
             return
         number = frame_relations.find_frame(answer, journal)
@@ -216,8 +211,7 @@ class TrafficScreen(TrafficViews):
         if number is None:
             return
         title = label("traffic.note.title", number=number)
-        prompt = Prompt(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
-        note = await self.app.push_screen_wait(prompt)
+        note = await self.ask(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
         if note is not None:
             self._set_note(number, printable(note.strip()) or None)
 
@@ -229,21 +223,17 @@ class TrafficScreen(TrafficViews):
             return
         source = self.feed.display_path
         proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
-        prompt = Prompt(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
-        target = await self.app.push_screen_wait(prompt)
-        if target:
-            notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.read_frame)
-            app_of(self).show_message(label("traffic.saving", path=printable(target)))
-            self._save_packets(self.feed.make_save_job(str(Path(target).expanduser()), notes))
-
-    @work(thread=True)
-    def _save_packets(self, job: SaveJob) -> None:
-        problem, path = self.feed.save(job), printable(job.target)
+        target = await self.ask(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
+        if not target:
+            return
+        notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.source.read_frame)
+        app_of(self).show_message(label("traffic.saving", path=printable(target)))
+        job = self.feed.make_save_job(str(Path(target).expanduser()), notes)
+        problem, path = await asyncio.to_thread(self.feed.save, job), printable(job.target)
         if problem:
-            text = label("traffic.unsaved", path=path, reason=problem)
-            self.call_in_screen(app_of(self).show_message, text, "error")
+            app_of(self).show_message(label("traffic.unsaved", path=path, reason=problem), "error")
         else:
-            self.call_in_screen(app_of(self).show_message, label("traffic.saved", path=path))
+            app_of(self).show_message(label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         if self.check_action("open", ()):
@@ -258,9 +248,7 @@ class TrafficScreen(TrafficViews):
     async def action_open(self) -> None:
         known = app_of(self).settings.captures
         folder = f"{Path(known[0]).parent}/" if known else ""
-        path = await self.app.push_screen_wait(
-            Prompt(label("traffic.open"), label("traffic.open.hint"), folder)
-        )
+        path = await self.ask(label("traffic.open"), label("traffic.open.hint"), folder)
         if path:
             self._open_capture(str(Path(path).expanduser()))
 

@@ -23,7 +23,6 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.base_screen import ViewsScreen
-from bcapscope.tui.settings import with_recent
 from bcapscope.tui.traffic_processes.process_messages import (
     NO_ANALYSIS,
     ReadProgress,
@@ -42,8 +41,7 @@ from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Kind of record that the filter of a view tests, for each view that has a filter."""
 
-_NARROW_WIDTH = 100
-"""Terminal width in columns below which the screen rounds large counts."""
+_NARROW_WIDTH = 100  # columns; below this width, the screen rounds large counts
 
 
 class TrafficViews(ViewsScreen):
@@ -51,11 +49,7 @@ class TrafficViews(ViewsScreen):
     ABOUT = "traffic.about"
     AUTO_FOCUS = "#frames"
     VIEWS: ClassVar[Mapping[str, str]] = {
-        "frames": "traffic.frames",
-        "calls": "traffic.calls",
-        "findings": "traffic.findings",
-        "slave": "traffic.slave",
-        "statistics": "traffic.statistics",
+        view: f"traffic.{view}" for view in ("frames", "calls", "findings", "slave", "statistics")
     }
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
@@ -93,7 +87,7 @@ class TrafficViews(ViewsScreen):
             yield PacketView(id="packet")
 
     def on_mount(self) -> None:
-        app_of(self).add_closer(self._close)
+        app_of(self).closers.callback(self._close_feed)
         for target in (self.frames, self.calls):
             self.watch(target, "cursor", self._cursor_moved, init=False)
         self._subscribe_feed()
@@ -101,14 +95,10 @@ class TrafficViews(ViewsScreen):
     def _subscribe_feed(self) -> None:
         path = self.feed.job.path
         if path and not self.feed.job.follow:
-            settings = app_of(self).settings
-            settings.captures = with_recent(str(Path(path).absolute()), settings.captures)
-            self.call_after_refresh(app_of(self).save_settings)  # show the traffic first
+            app, absolute = app_of(self), str(Path(path).absolute())
+            self.call_after_refresh(app.add_recent, absolute, app.settings.captures)  # show the traffic first
         self.feed.subscribe(partial(self.call_in_screen, self.show_update, self.feed))
         self.show_state()
-
-    async def _close(self) -> None:
-        self._close_feed()
 
     def _close_feed(self) -> None:
         for target in (self.frames, self.calls):
@@ -157,7 +147,6 @@ class TrafficViews(ViewsScreen):
             self.refresh_bindings()
 
     def _show_growth(self) -> None:
-        """Show new rows in the visible list. A hidden list shows its new rows when it becomes visible."""
         if isinstance(self.shown_list, RecordList):
             self.shown_list.lines_added()
 
@@ -198,7 +187,6 @@ class TrafficViews(ViewsScreen):
         self.query_one(ViewBar).show_counts(self.view, counts, states)
 
     def _search_percent(self) -> int | None:
-        """Return the percentage of rows that the search has examined; None if the search is complete."""
         source = {"frames": self.feed.journal, "calls": self.feed.calls}.get(self.view)
         if source is None or not self.expressions[self.view] or self._searched >= len(source):
             return None
@@ -210,17 +198,12 @@ class TrafficViews(ViewsScreen):
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame under the cursor.
-
-        The watcher of `cursor` calls `_cursor_moved` before the message `Lines.Moved` arrives, so that
-        Textual draws the list and the frame together.
-        """
+        """Show the frame. A watcher of `cursor`, so that Textual draws list and frame together."""
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None if the cursor is not on a frame."""
         if self.view == "calls":
             current = self.calls.current_call
             return None if current is None else current[1]
@@ -239,7 +222,7 @@ class TrafficViews(ViewsScreen):
             packet.show_packet(None)
             self.query_one("#about", Static).update("", layout=False)
             return
-        frame = self.frames.read_frame(number)
+        frame = self.frames.source.read_frame(number)
         packet.show_packet(frame.observation, frame.call_kind)
         self._show_about(frame)
 
@@ -265,7 +248,6 @@ class TrafficViews(ViewsScreen):
             self.show_frame()
 
     def _check_filter(self, expression: str) -> object:
-        """Compile a filter expression for the view; raises `ValueError` for an invalid expression."""
         return compile_filter(expression, RECORD_KINDS.get(self.view, RecordKind.FRAME))
 
     def set_filter(self, expression: str) -> None:
@@ -310,13 +292,8 @@ _BAR = 12
 def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
-    """Return several texts about the progress of reading and searching. Each text is shorter than the
-    previous text.
-
-    Args:
-        source_problem: Reason to suspect that the traffic has ended, although bcapscope still reads it; "" if
-            there is no reason.
-        searched: Percentage of rows that the search has examined; None if the search is complete.
+    """Return several texts about the progress of reading and searching, each shorter than the previous one.
+    `searched` is the percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []
     if searched is not None:
@@ -339,9 +316,7 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief` is True, a count of at least 10,000 becomes a text such as ``12k``
-    or ``1.2M``, rounded down.
-    """
+    """Return a count as text; if `brief`, 10,000 and more as ``12k`` or ``1.2M``, rounded down."""
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

@@ -29,7 +29,7 @@ from bcapscope.tui.tester.typed_value import TypedValue, command_hint, type_numb
 
 
 class CommandForm(Vertical):
-    """A form for calls of one ..._Execute function. The form completes command names."""
+    """A form for calls of one ..._Execute function."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("f4", "pick", "tester.pick")]
 
@@ -52,14 +52,12 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Show what the typed command does, and fill in or clear the parameter.
-
-        The form fills in the parameter that the user last sent with the typed command. If the user
-        has not sent the typed command yet, the form removes the parameter of the command that was sent last.
+        """Show what the typed command does, and fill in the parameter that was last sent with it. For a
+        command that was not sent yet, remove the parameter of the command that was sent last.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:
-            self.query_one(ResultView).show_hint("")
+            self.query_one(ResultView).show_check("", "")
             return
         typed, types = self.query_one(TypedValue), type_numbers(found.parameter_types)
         before = self._sent_parameters.get(message.value.strip().casefold())
@@ -69,7 +67,7 @@ class CommandForm(Vertical):
             typed.fill_value(types[0] if types else typed.vt, "")
         elif types:
             typed.select_type(types[0])
-        self.query_one(ResultView).show_hint(command_hint(found))
+        self.query_one(ResultView).show_check("", command_hint(found))
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
@@ -79,9 +77,7 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
-        """Handle Enter: complete the command name if it is incomplete, ask for the parameter if it is
-        missing, otherwise execute the command.
-        """
+        """Complete an incomplete name, ask for a missing parameter, or execute the command."""
         typed = message.value.strip().casefold()
         names = [each.name for each in commands_of(self.function.id)]
         names = [name for name in names if name.casefold().startswith(typed)]
@@ -128,7 +124,7 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A form with one row per argument except the handle. The form checks arguments while the user types."""
+    """A form with one row per argument except the handle."""
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -202,7 +198,7 @@ def select_named_value(texts: Mapping[int, str], id: str) -> Select[int]:
 
 
 class FunctionPanel(Vertical):
-    """Lets the user choose one of the 137 functions, and shows a form for the function's arguments."""
+    """Shows the form of the function that the user chose."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -228,16 +224,12 @@ _EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
 
 
 class BytesField(Input):
-    """An input field for bytes in hex, which users often copy from several lines."""
-
     def on_paste(self, event: Paste) -> None:
-        """Join the pasted lines to one line, because Textual's own handler pastes only the first line."""
+        """Join the pasted lines, because Textual's own handler pastes only the first line."""
         event.text = " ".join(event.text.split())
 
 
 class RawForm(Vertical):
-    """A form for bytes in hex. While the user types, the form shows what the bytes mean."""
-
     def compose(self) -> ComposeResult:
         with Horizontal(classes="row"):
             yield Caption("tester.bytes")

@@ -31,10 +31,7 @@ MAX_CALLS = 20_000
 """Maximum number of calls in the history; the oldest calls are dropped first."""
 
 MAX_BYTES = 32 << 20
-"""Maximum size in bytes of the packets in the history.
-
-Beyond this size, a tenth of the calls is dropped, but never the latest call.
-"""
+"""Size of the packets in the history beyond which a tenth of the calls is dropped, but never the latest."""
 
 
 class HistoryLines(ItemList[HistoryRecord]):
@@ -50,9 +47,7 @@ class HistoryLines(ItemList[HistoryRecord]):
 
     @dataclass
     class ActionWanted(Message):
-        """The user wants bcapscope to do one of these actions with a call in the history: ``again``,
-        ``edit``, ``hex``, ``python``, ``line`` or ``save``.
-        """
+        """`what` is an action: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``."""
 
         record: HistoryRecord
         what: str
@@ -136,8 +131,6 @@ class WatchList(ItemList[tuple[WatchedVariable | None, int]]):
 
     @dataclass
     class ChangeWanted(Message):
-        """The user wants to watch a variable, to stop watching it, or to reset minimum and maximum values."""
-
         change: Callable[[VariableWatcher], Coroutine[Any, Any, None]]
 
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
@@ -209,9 +202,7 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request. If `edit` is True, the user wants to edit the request
-        first.
-        """
+        """The user wants to send a saved request, or to edit it first."""
 
         saved: SavedRequest
         edit: bool

@@ -1,6 +1,4 @@
-"""Steps that make calls to the controller for the widgets. A step runs in the event loop of a
-`ControllerSession`.
-"""
+"""Steps that make calls for the widgets, in the event loop of a `ControllerSession`."""
 
 from __future__ import annotations
 
@@ -33,13 +31,13 @@ _MAX_NOTICE = 300
 
 
 class CallNotice:
-    """Shows the result of a call as a temporary message, if the call does not come from a form."""
+    """Shows the result of a call that does not come from a form as a temporary message."""
 
     def __init__(self, app: BcapApp) -> None:
         self._app = app
 
     def show_pending(self) -> None:
-        """Show nothing while the call runs. A message with the result appears when the call ends."""
+        """Show nothing until the call ends."""
 
     def show_record(self, record: HistoryRecord) -> None:
         name = printable(call_name(record.function_id, record.arguments))
@@ -55,12 +53,7 @@ class CallNotice:
 
 @dataclass
 class CallWanted(Message):
-    """The user wants to run a step.
-
-    Attributes:
-        result_display: Widget or notice that shows the outcome of the step.
-        done: Function that the screen calls after `step` returns a record, even the record of a failed call.
-    """
+    """The user wants to run a step. `done` is called after `step` returns a record, even of a failed call."""
 
     result_display: ResultView | CallNotice
     step: CallStep
@@ -74,11 +67,8 @@ class ObjectMissingError(BcapError):
 def function_step(
     function: Function, values: tuple[Variant, ...], subject: ObjectHandle | None = None
 ) -> CallStep:
-    """Return a step that calls a function.
-
-    Args:
-        values: Arguments of the call without the handle.
-        subject: Object whose handle the call uses; None for the selected object of the function's class.
+    """Return a step that calls a function with the handle of `subject`, by default the selected object of the
+    function's class, and with `values`, the arguments without the handle.
     """
 
     async def step(session: ControllerSession) -> HistoryRecord:
@@ -99,9 +89,7 @@ def repeating_step(record: HistoryRecord) -> CallStep:
 
 
 def opening_step(parent: ObjectClass, kind: ObjectClass, name: str, option: str) -> CallStep:
-    """Return a step that opens an object of class `kind` through the selected object of class `parent`. If
-    `kind` is ROBOT, the step also selects the new robot.
-    """
+    """Return a step that opens an object of the selected object of class `parent`, and selects a robot."""
 
     async def step(session: ControllerSession) -> HistoryRecord:
         if kind is ObjectClass.ROBOT:
@@ -113,9 +101,7 @@ def opening_step(parent: ObjectClass, kind: ObjectClass, name: str, option: str)
 
 
 def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHandle:
-    """Return the most recently opened object of a class. If `kind` is `ObjectClass.ROBOT`, the selected robot
-    has priority.
-    """
+    """Return the selected robot if `kind` is ROBOT, or the most recently opened object of a class."""
     status = session.status
     found = status.robot if kind is ObjectClass.ROBOT else None
     found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
@@ -128,12 +114,7 @@ def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHan
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the event loop of the `ControllerSession`. If the step raises `NotArmedError`, ask the
-    user to arm, then run the step a second time.
-
-    Raises:
-        NotArmedError: The user refused to arm.
-    """
+    """Run a step. If it raises `NotArmedError`, ask the user to arm, then run it a second time."""
     try:
         return await session.run_in_loop(step(session))
     except NotArmedError:

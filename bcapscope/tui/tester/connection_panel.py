@@ -1,4 +1,4 @@
-"""The connection panel of the Tester, and the Tester's status line. The status line is always visible."""
+"""The connection panel of the Tester, and the Tester's status line."""
 
 from __future__ import annotations
 
@@ -172,9 +172,6 @@ class ConnectionPanel(Vertical):
             self.post_message(wanted)
 
 
-StatusPiece = tuple[str, str]
-"""A text in the status line, and the name of its style."""
-
 _MAX_HOST_LENGTH = 24
 _SECOND = 1_000_000_000
 _LONG_SILENCE = 3 * _SECOND
@@ -183,7 +180,8 @@ _HALT_STYLES = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPEN
 
 def status_pieces(
     status: SessionStatus, arming: ArmingState, now: int, halt: HaltUpdate, reply_monitor: ReplyMonitor
-) -> list[StatusPiece]:
+) -> list[tuple[str, str]]:
+    """Return the texts in the status line, each with the name of its style."""
     if status.target is None:
         return [(f" {label('tester.status.none')} ", "dim")]
     name = label("tester.status.simulator")
@@ -193,8 +191,7 @@ def status_pieces(
     if reply_monitor.is_reply_overdue(now):
         text = label("tester.status.silent", seconds=age // _SECOND)
         pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
-    # no reply is expected now, for example in slave mode, so silence does not prove that the controller is
-    # gone
+    # no reply is expected now, for example in slave mode, so silence proves nothing
     elif age >= _LONG_SILENCE:
         text = label("tester.status.age", seconds=age // _SECOND)
         pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]
@@ -210,7 +207,7 @@ def status_pieces(
     return pieces
 
 
-def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
+def _arming_piece(arming: ArmingState, now: int) -> tuple[str, str]:
     if not arming.is_required:
         return f" {label('tester.status.free')} ", "good"
     if not arming.is_armed(now):
@@ -220,7 +217,7 @@ def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
 
 
 def arming_facts(status: SessionStatus) -> list[str]:
-    """Return lines that describe the controller and its robot for the user who must decide whether to arm."""
+    """Describe the controller and its robot to the user who must decide whether to arm."""
     identity, robot = status.identity, status.robot
     unknown = label("tester.fact.unknown")
     return [

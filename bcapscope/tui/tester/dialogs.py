@@ -29,20 +29,17 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose. The first choice must change nothing, because Enter selects this choice at the
-    start.
-    """
+    """Asks the user to choose. The first choice must change nothing, because Enter selects it at first."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
         Binding("left", "app.focus_previous", show=False),
         Binding("right", "app.focus_next", show=False),
     ]
-    LABELS = "tester.answer"
-    """First part of a label id. The label of a choice has the id ``<LABELS>.<choice>``."""
+    LABELS = "tester.answer"  # the label of a choice has the id "<LABELS>.<choice>"
 
     def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
-        """`lines` are escaped lines of text: facts, then the question. `choices` are the possible answers."""
+        """`lines` are escaped lines of text: facts, then the question."""
         super().__init__()
         self._lines, self._choices = lines, choices
 
@@ -59,7 +56,7 @@ class ChoiceDialog(ModalScreen[str | None]):
 
 
 class ArmDialog(ChoiceDialog):
-    """Asks the user to arm. The result is ``yes`` or ``no``. `facts` says which robot could move."""
+    """Asks the user to arm; `facts` says which robot could move."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
     LABELS = "tester.arm"
@@ -75,9 +72,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps of a recovery after an error. The dialog immediately starts the first step, which reads
-    the errors. Each recovery step except the first has a button.
-    """
+    """Shows the steps of a recovery after an error. The first reads the errors before another clears them."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]
 
@@ -109,7 +104,6 @@ class RecoveryDialog(ModalScreen[None]):
                 yield Input(f"0x{self._initial_mode:03X}", id="mode", classes="number")
 
     def on_mount(self) -> None:
-        """Read the controller's errors at once, before a later step clears them."""
         self.query_one("#do-clear").focus()
         self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
         self._read_errors()

@@ -1,6 +1,4 @@
-"""The tabs below the connection panel: robot, variables, tasks, any function, raw packets. The forms in the
-first three tabs open and use objects.
-"""
+"""The tabs below the connection panel: robot, variables, tasks, any function, raw packets."""
 
 from __future__ import annotations
 
@@ -50,9 +48,7 @@ class OpenObjectRow(Horizontal):
         *,
         on_opened: Callable[[str], object] = lambda name: None,
     ) -> None:
-        """`kind` is the class of the objects that the user opens with this row. `parent` is the class of the
-        objects' owner. `on_opened` is called with the name of an object after the request to open the object.
-        """
+        """`on_opened` gets the name of an object of class `kind` after the request to open it."""
         super().__init__(classes="row")
         self._parent_kind = parent
         self._kind = kind
@@ -80,9 +76,7 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, missing: str) -> ObjectHandle | None:
-        """Return the most recently opened object with the name in the field; if there is none, show the text
-        `missing`.
-        """
+        """Return the latest object with the name in the field; if there is none, show the text `missing`."""
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
             is_owned = each.parent is not None and each.parent.kind is self._parent_kind
@@ -115,9 +109,7 @@ _NO_OPTION = Variant(VT.BSTR, "")
 
 
 class VariablePanel(Box):
-    """A form for variables of a controller, robot or task. The buttons act on the variable in the name
-    field.
-    """
+    """A form for variables of a controller, robot or task, whose buttons act on the variable in the field."""
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str) -> None:
         super().__init__("tester.box.variable", id=id)
@@ -178,8 +170,6 @@ class VariablePanel(Box):
 
 
 class RobotPanel(VerticalScroll, can_focus=False):
-    """The tab for robots: open a robot, execute its commands, move it, and access its variables."""
-
     def compose(self) -> ComposeResult:
         added = ResultView(id="added")
         with Box("tester.box.robot", id="add-robot"):
@@ -204,8 +194,6 @@ class RobotPanel(VerticalScroll, can_focus=False):
 
 
 class TaskPanel(VerticalScroll, can_focus=False):
-    """The tab for tasks: open, start and stop a task, read its state; a button starts RobSlave."""
-
     def compose(self) -> ComposeResult:
         result = ResultView(id="task-result")
         with Box("tester.box.task", id="task-box"):
@@ -252,12 +240,9 @@ class TaskPanel(VerticalScroll, can_focus=False):
 
 
 TABS = ("robot", "variable", "task", "function", "raw")
-"""Names of the tabs, in the order on the screen."""
 
 
 class FormTabs(Vertical):
-    """Shows one tab at a time, and fills the forms in the tabs with earlier calls."""
-
     def __init__(self, initial_function: Function) -> None:
         super().__init__()
         self._initial_function = initial_function
@@ -283,9 +268,7 @@ class FormTabs(Vertical):
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
-        """Fill the form of a call's function with the call's arguments. If the function is unknown, fill the
-        form for raw packets.
-        """
+        """Fill the form of the call's function; if it is unknown, the form for raw packets."""
         function = FUNCTIONS.get(record.function_id)
         if function is None or len(function.params) != len(record.arguments):
             self.show_tab("raw")

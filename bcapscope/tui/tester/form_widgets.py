@@ -19,8 +19,6 @@ from bcapscope.tui.widgets.bars import ClickBar
 
 
 class Caption(Label):
-    """A word before a field. `key` is the id of the label that the caption shows."""
-
     def __init__(self, key: str) -> None:
         super().__init__(label(key), markup=False)
 

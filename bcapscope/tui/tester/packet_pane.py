@@ -1,6 +1,4 @@
-"""The packet pane has SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester. The packet pane also
-has lists of calls, watched variables and saved requests.
-"""
+"""The packet pane with SendData and ReceiveData, as in b-CAP Tester, and with the lists of the Tester."""
 
 from __future__ import annotations
 
@@ -32,9 +30,7 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20
-"""Maximum total size in bytes of the packets in a `PacketBox`. The `PacketBox` drops the oldest packets
-first, and always keeps the newest packet.
-"""
+"""Maximum size in bytes of the packets in a `PacketBox`, which always keeps the newest packet."""
 
 
 class PacketBox(Vertical):
@@ -101,8 +97,6 @@ class PacketBox(Vertical):
 
 
 VIEWS = ("sent", "received", "history", "watch", "saved")
-"""Names of the views, in the order on the screen."""
-
 _MAX_ATTEMPT_LINES = 8
 
 
@@ -132,7 +126,7 @@ class PacketPane(Vertical):
         self._switch_view("sent")
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Add a completed call to the history; show the call's packets if the user made the call."""
+        """Add a completed call to the history; if the user made it, show its packets."""
         self.query_one(HistoryPanel).add_record(record)
         if record.initiator is Initiator.USER:
             self.show_record(record, self.query_one("#overwrite", TickBox).value)
@@ -181,8 +175,7 @@ class PacketPane(Vertical):
 
     @on(HistoryLines.ActionWanted)
     def _save_record(self, message: HistoryLines.ActionWanted) -> None:
-        """Save a call as a file; the Tester's screen handles the other actions."""
-        if message.what != "save":
+        if message.what != "save":  # the Tester's screen handles the other actions
             return
         message.stop()
         record = message.record

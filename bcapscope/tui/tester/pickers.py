@@ -26,19 +26,13 @@ _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A dialog with a list and a field. The list shows only the entries that contain the words typed in the
-    field.
-    """
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
         Binding("down", "app.focus_next", "", show=False),
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Each entry has a name, a displayed text and a search text. The dialog shows only entries whose
-        search text contains all words that the user typed.
-        """
+        """Each entry has a name, a displayed text and a search text, which must contain all typed words."""
         super().__init__()
         self._title = title
         self._entries = tuple(entries)

@@ -26,7 +26,6 @@ from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.text_widgets import InkedText
 
 _MIN_CHART_ROWS = 6
-"""Minimum height of a chart in rows."""
 
 
 class PlaybackView(Container, can_focus=True):
@@ -35,10 +34,8 @@ class PlaybackView(Container, can_focus=True):
         Binding("left", "axes(-1)", "", show=False),
     ]
 
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._playback: PlaybackRun | None = None
-        self._first_axis = 0
+    _playback: PlaybackRun | None = None
+    _first_axis = 0
 
     def compose(self) -> ComposeResult:
         yield InkedText(id="curves")
@@ -74,7 +71,7 @@ class PlaybackView(Container, can_focus=True):
         )
 
     def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
-        """Return the indexes of the robot's axes. The axis with the largest travel comes first."""
+        """Return the indexes of the axes, the axis with the largest travel first."""
         points = run.trajectory.points
         ways = [float(points[:, at].max() - points[:, at].min()) for at in range(points.shape[1])]
         names = AXES[run.trajectory.kind]

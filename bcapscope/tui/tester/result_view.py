@@ -21,20 +21,15 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ResultView(InkedText, can_focus=True):
-    """Shows one result with five decimals, as b-CAP Tester does; the key ``d`` shows all digits.
-
-    Attributes:
-        record: Call that is shown; None if the view shows no call.
-        text: Result, problem or hint that is shown, with marks of `INK`.
-    """
+    """Shows one result with five decimals, as b-CAP Tester does; the key ``d`` shows all digits."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("d", "digits", "tester.digits")]
+    record: HistoryRecord | None = None
+    shows_all_digits = False
+    text = ""  # result, problem or hint that is shown, with marks of `INK`
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="-empty")
-        self.record: HistoryRecord | None = None
-        self.shows_all_digits = False
-        self.text = ""
 
     def show_record(self, record: HistoryRecord) -> None:
         self.record = record
@@ -48,9 +43,6 @@ class ResultView(InkedText, can_focus=True):
         self._show_text(reason, INK.bad)
         self._scroll_into_view()
 
-    def show_hint(self, text: str) -> None:
-        self._show_text(text, INK.dim)
-
     def show_problem(self, text: str) -> None:
         self._show_text(text, INK.problem)
 
@@ -59,10 +51,7 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{ink}{printable(text)}{INK.reset}" if text else "")
 
     def show_check(self, problem: str, hint: str) -> None:
-        if problem:
-            self.show_problem(problem)
-        else:
-            self.show_hint(hint)
+        self._show_text(problem or hint, INK.problem if problem else INK.dim)
 
     def action_digits(self) -> None:
         self.show_digits(not self.shows_all_digits)
@@ -73,7 +62,7 @@ class ResultView(InkedText, can_focus=True):
             self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll the forms until this view is visible. A small terminal does not show all forms at once."""
+        """Scroll the forms, of which a small terminal shows only a few, until this view is visible."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
@@ -100,9 +89,8 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 
 
 def _may_lack_robslave(record: HistoryRecord) -> bool:
-    """Return whether the controller refused slave mode without a reason, as an RC7 may do if RobSlave does
-    not run. An RC7 needs the program RobSlave for slave mode (DENSO Wave 2009, How to use the Slave mode).
-    DENSO does not document which error an RC7 returns if RobSlave does not run.
+    """Return whether slave mode was refused without a reason. An RC7 needs the program RobSlave for slave
+    mode (DENSO Wave 2009, How to use the Slave mode); the error without RobSlave is not documented.
     """
     code = record.reply.code if record.reply is not None else S_OK
     command = command_name(record.function_id, record.arguments) or ""

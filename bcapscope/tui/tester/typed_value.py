@@ -1,6 +1,4 @@
-"""Widget for a value of any b-CAP type. The widget has a list of types, and an input field that checks the
-text while the user types.
-"""
+"""A widget for a value of any b-CAP type."""
 
 from __future__ import annotations
 
@@ -41,9 +39,7 @@ def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
 
 
 def check_text(vt: int, text: str) -> Variant | str:
-    """Return the value of a text; if the text does not fit the type, return a text that tells the user which
-    input is expected.
-    """
+    """Return the value of a text, or a text that says which input is expected."""
     typed = text if vt == VT.BSTR else text.strip()
     try:
         return parse_variant(f"{type_word(vt)}:{typed}")
@@ -52,7 +48,6 @@ def check_text(vt: int, text: str) -> Variant | str:
 
 
 def expected_input(vt: int) -> str:
-    """Return a hint that says how the user types a value of the type `vt`."""
     if vt in (VT.EMPTY, VT.NULL):
         return label("controller.expected.nothing")
     what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
@@ -74,13 +69,11 @@ def command_hint(known: CommandSpec) -> str:
 
 
 class TypedValue(Horizontal):
-    """A list of types, and an input field that reports a text that does not fit the chosen type."""
+    """A list of types, and an input field that checks whether the text fits the chosen type."""
 
     @dataclass
     class Changed(Message):
-        """The user changed the type or the text of the value. `problem` says what is wrong with the text, and
-        is "" if the text is valid or empty.
-        """
+        """`problem` says what is wrong with the text; "" if it is valid or empty."""
 
         value: TypedValue
         problem: str
@@ -132,7 +125,6 @@ class TypedValue(Horizontal):
 
     @property
     def hint(self) -> str:
-        """Hint that says what to type; "" for a type without a value."""
         return "" if self.vt in (VT.EMPTY, VT.NULL) else expected_input(self.vt)
 
     @on(Input.Changed)

@@ -1,8 +1,4 @@
-"""The process that removes the screen's temporary folder after the screen has ended or was killed.
-
-bcapscope runs this file by its path, without site packages: ``python -I -S folder_cleanup.py FOLDER``. The
-end of standard input shows that the screen has ended or was killed.
-"""
+"""Removes the folder that is its argument at the end of standard input, so after the end of the screen."""
 
 import sys
 from os.path import exists
@@ -10,9 +6,7 @@ from shutil import rmtree
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""Number of attempts to remove the folder, and seconds between two attempts. Windows cannot remove a folder
-while another process has a file in the folder open.
-"""
+"""Attempts, and seconds between two. Windows cannot remove a folder while one of its files is open."""
 
 if __name__ == "__main__":
     sys.stdin.buffer.read()

@@ -1,6 +1,4 @@
-"""Messages between the screen and the processes that read, search and save traffic. `send_message` and
-`receive_messages` pass the messages through pipes.
-"""
+"""Messages between the screen and the processes that read, search and save traffic."""
 
 from __future__ import annotations
 
@@ -24,75 +22,45 @@ _NICE = 5
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Message to the reader process: no more traffic will arrive. After `STOP_READING`, the reader process
-reads the remaining data and ends.
+"""Message to the reader process: no more traffic will arrive. The process reads the remaining data and ends.
 """
 
 
 class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
-    """Job for the reader process or for a proxy's watcher: which traffic to read for the screen.
+    """Job for the reader process or for a proxy's watcher: which traffic to read for the screen."""
 
-    Attributes:
-        path: Name of the capture file or of the watcher's recording; "" for a live capture.
-        interface: Network interface for a live capture; "" to read a file.
-        follow: Whether another program is still writing the capture.
-        ports: Ports of controllers; an empty tuple selects 5007.
-        leg: Prefix of interface names. Only traffic of interfaces with this prefix is read; "" reads all
-            interfaces.
-        language: Language of rendered lines, ``en`` or ``ja``.
-        own_clients: Whether bcapscope itself is the client. This client remains connected even while it is
-            silent.
-        taken_at: Where the capture was taken; None to infer the place from the traffic.
-        folder: Empty folder for the journal.
-    """
-
-    path: str = ""
-    interface: str = ""
-    follow: bool = False
-    ports: tuple[int, ...] = ()
-    leg: str = ""
-    language: str = "en"
-    own_clients: bool = False
-    taken_at: CapturePoint | None = None
-    folder: str = ""
+    path: str = ""  # of the capture file or of the watcher's recording; "" for a live capture
+    interface: str = ""  # network interface for a live capture; "" to read a file
+    follow: bool = False  # whether another program is still writing the capture
+    ports: tuple[int, ...] = ()  # of controllers; an empty tuple selects 5007
+    leg: str = ""  # only interfaces whose names begin with this prefix are read
+    language: str = "en"  # of rendered lines: "en" or "ja"
+    own_clients: bool = False  # whether bcapscope is the client, which stays connected even while silent
+    taken_at: CapturePoint | None = None  # None to infer the place from the traffic
+    folder: str = ""  # empty folder for the journal
 
 
 class ReadProgress(msgspec.Struct, tag=True, frozen=True):
-    """The progress of reading.
+    """The progress of reading a file or a live capture."""
 
-    Attributes:
-        position: Number of bytes that have been read.
-        size: Size of the file in bytes; 0 for a live capture.
-        problem: Reason why reading ended early; "" if reading goes on or reached the end.
-        clients: Number of conversations so far.
-        packets: Name of the capture file with the packets; "" if there is no file.
-        lost: Number of packets that a live capture dropped because its buffer was full.
-    """
-
-    position: int = 0
-    size: int = 0
+    position: int = 0  # bytes that have been read
+    size: int = 0  # bytes in the file; 0 for a live capture
     ended: bool = False
-    problem: str = ""
-    clients: int = 0
-    packets: str = ""
-    lost: int = 0
+    problem: str = ""  # why reading ended early, if it did
+    clients: int = 0  # conversations so far
+    packets: str = ""  # name of the capture file with the packets, if there is one
+    lost: int = 0  # packets that a live capture dropped because its buffer was full
 
 
 class ShownFinding(msgspec.Struct, frozen=True):
-    """A finding as the screen shows it. All strings are escaped.
-
-    Attributes:
-        sentence: Text of the finding by language, because the user may choose another language at any time.
-        consequence_of: Number of the finding's cause, from 1; 0 for no cause.
-        advice: Advice on the finding by language.
-    """
+    """A finding as the screen shows it. All strings are escaped."""
 
     rule: str
     severity: str
-    sentence: dict[str, str]
+    sentence: dict[str, str]  # by language
     frames: tuple[int, ...]
-    consequence_of: int
-    advice: dict[str, str]
+    consequence_of: int  # number of the finding's cause, from 1; 0 for no cause
+    advice: dict[str, str]  # by language
     source: str
 
 
@@ -110,59 +78,38 @@ NO_ANALYSIS = TrafficAnalysis((), TrafficTotals(0, 0, 0, 0), [], [])
 
 
 class SearchRequest(msgspec.Struct, frozen=True):
-    """A request to search the frames or the calls.
+    """A request to search the frames or the calls."""
 
-    Attributes:
-        generation: Number that identifies the search and all `SearchMatches` of the search.
-        kind: Kind of record to search: ``frame`` or ``call``.
-        expression: Filter expression; "" stops the search.
-    """
-
-    generation: int
-    kind: str
-    expression: str
+    generation: int  # also the `generation` of all matches of this search
+    kind: str  # "frame" or "call"
+    expression: str  # "" stops the search
 
 
 class SearchMatches(msgspec.Struct, frozen=True):
-    """The matches that a search has found since its last report.
-
-    Attributes:
-        rows: Numbers of the frames or calls, from 1, as 32-bit numbers in native byte order.
-        searched: Number of rows that the search has examined so far.
-    """
+    """The matches that a search has found since its last report."""
 
     generation: int
-    rows: bytes
-    searched: int
+    rows: bytes  # numbers of the frames or calls, from 1, as 32-bit numbers in native byte order
+    searched: int  # rows that the search has examined so far
 
 
 class SaveJob(msgspec.Struct, frozen=True):
-    """A job of the save process: which packets to write to which new file.
-
-    Attributes:
-        target: Name of the new file, which must not exist.
-        notes: Maps packet numbers to the notes on these packets.
-        max_packets: Number of packets to save from a capture that may still grow; 0 for all.
-    """
+    """A job of the save process: which packets to write to which new file."""
 
     source: str
-    target: str
-    notes: dict[int, str]
-    max_packets: int = 0
+    target: str  # must not exist
+    notes: dict[int, str]  # by packet number
+    max_packets: int = 0  # limit for a capture that may still grow; 0 for none
     language: str = "en"
 
 
 def problem_text(problem: Message | None, job: ReadJob | SaveJob) -> str:
-    """Return the text of a problem, escaped and in the language of `job`; "" if `problem` is None."""
+    """Return the escaped text of a problem in the language of `job`; "" for no problem."""
     return "" if problem is None else printable(MessageFormatter(Language(job.language)).text(problem))
 
 
 def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
-    """Write a message to a pipe and flush it.
-
-    Raises:
-        OSError: The process that reads the pipe has gone.
-    """
+    """Write a message to a pipe; raises `OSError` if the process that reads the pipe has gone."""
     try:
         data = msgspec.json.encode(message)
     except UnicodeEncodeError:

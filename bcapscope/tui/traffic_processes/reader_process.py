@@ -1,9 +1,6 @@
 """The reader process, which writes observations to a journal and calls to a call store, and analyses the
-traffic.
-
-bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives
-on standard input; reports go to standard output. The screen sends the byte `STOP_READING` when no more
-traffic will arrive. When the screen dies or closes the reader's standard input, reading ends at once.
+traffic. The job arrives on standard input; reports go to standard output. The screen sends `STOP_READING`
+when no more traffic will arrive. When the reader's standard input is closed, reading ends at once.
 """
 
 from __future__ import annotations
@@ -43,8 +40,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
-_BATCH_MASK = 0xFF
-"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames."""
+_BATCH_MASK = 0xFF  # mask for frame numbers: the reader checks the clock every 256 frames
 
 LIVE_FILE = "live.pcapng"
 
@@ -53,13 +49,7 @@ class TrafficReader:
     def __init__(
         self, job: ReadJob, reports: BinaryIO, ended: threading.Event, cancelled: threading.Event
     ) -> None:
-        """Prepare a job.
-
-        Args:
-            ended: Event that is set when no more traffic will arrive. The reader then reads the remaining
-                data and ends.
-            cancelled: Event that is set when reading must end, even if data remains.
-        """
+        """After `ended` is set, the reader reads the remaining data; after `cancelled` is set, it stops."""
         self._job = job
         self._source_ended, self._cancelled = ended, cancelled
         folder = Path(job.folder)
@@ -103,9 +93,7 @@ class TrafficReader:
                     return
 
     def _load_pipeline(self) -> Pipeline:
-        """Return the pipeline. Pipeline and diagnosis are loaded at their first use, so that the first frames
-        appear sooner.
-        """
+        """Load pipeline and diagnosis at their first use, so that the first frames appear sooner."""
         if self._pipeline is None:
             joiner = Joiner(self._observer.comments)
             subscribers, taken_at = self._publisher.subscribers(), self._job.taken_at
@@ -132,7 +120,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """While no new packets arrive, complete the open calls that are too old to receive a reply."""
+        """Complete the open calls that are too old to receive a reply."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:
@@ -140,9 +128,7 @@ class TrafficReader:
         self._publisher.report_if_due(self._observer.end_time)
 
     def _capture_time(self) -> int:
-        """Return the present time in ns, by the clock of the computer that captured the packets, which may be
-        another machine.
-        """
+        """Return the present time in ns, by the clock of the computer that captured the packets."""
         latest, now = self._observer.end_time, time.monotonic_ns()
         if latest != self._last_capture_time:
             self._last_capture_time, self._last_capture_seen_at = latest, now
@@ -162,8 +148,6 @@ class TrafficReader:
 
 
 class _LiveCapture:
-    """Captures packets on an interface in a separate thread, and writes all packets to a file."""
-
     def __init__(self, interface: str, path: Path) -> None:
         self.path = path
         self.problem: CaptureError | None = None

@@ -18,7 +18,7 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
 
 MAX_LINES = 20_000
-"""Maximum number of lines about slave-mode sessions that the screen shows."""
+"""Maximum number of lines about slave-mode sessions."""
 
 
 class RunningDiagnosis:
@@ -30,11 +30,8 @@ class RunningDiagnosis:
         self.subscribers: tuple[PipelineSubscriber, ...] = self.diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
-        """Return the analysis of the traffic so far. The traffic can continue afterwards.
-
-        Args:
-            ended: Time in ns since 1970 at which the traffic is assumed to end.
-            present: Whether it is known that the clients are still connected, even if they are silent.
+        """Return the analysis as if the traffic ended at `ended`, in ns since 1970. If `present`, the clients
+        are known to be connected still, even if they are silent.
         """
         statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
         findings = tuple(shown_finding(each, totals) for each in self.diagnosis.findings(ended, present))
@@ -50,7 +47,6 @@ class RunningDiagnosis:
 
 
 def shown_finding(finding: Finding, totals: TrafficTotals) -> ShownFinding:
-    """Return a finding with its text in each language. All strings are escaped."""
     all_words = [words_for(MessageFormatter(language), totals) for language in Language]
     return ShownFinding(
         finding.rule,

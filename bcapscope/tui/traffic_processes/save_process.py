@@ -1,7 +1,5 @@
-"""The save process: writes packets and notes to a new file, and never changes the original file.
-
-Run as ``python -m bcapscope.tui.traffic_processes.save_process``. The job arrives on standard input. Standard
-output receives one sentence if saving failed, and nothing otherwise.
+"""The save process, which writes packets and notes to a new file, and never changes the original file. The
+job arrives on standard input. Standard output receives one sentence if saving failed, and nothing otherwise.
 """
 
 from __future__ import annotations
@@ -20,9 +18,7 @@ from bcapscope.tui.traffic_processes.process_messages import SaveJob, problem_te
 
 
 def save_packets(job: SaveJob) -> Message | None:
-    """Write the new file. Return None on success; otherwise, return why writing failed or why the file is
-    incomplete.
-    """
+    """Write the new file. Return None, or why writing failed or why the file is incomplete."""
     target = Path(job.target)
     try:
         file = target.open("xb")
@@ -40,8 +36,8 @@ def save_packets(job: SaveJob) -> Message | None:
 
 
 def main() -> None:
-    for wanted in receive_messages(io.FileIO(0, closefd=False), SaveJob):
-        sys.stdout.write(problem_text(save_packets(wanted), wanted))
+    for job in receive_messages(io.FileIO(0, closefd=False), SaveJob):
+        sys.stdout.write(problem_text(save_packets(job), job))
         return
 
 

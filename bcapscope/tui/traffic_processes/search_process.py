@@ -1,7 +1,5 @@
-"""The search process: applies a filter to the records of a journal, and reports the matches.
-
-bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search
-requests arrive on standard input; matches go to standard output. A new request ends the previous search.
+"""The search process, which applies a filter to the records of a journal, whose folder is its argument.
+Requests arrive on standard input; matches go to standard output. A new request ends the previous search.
 After the last row, a search waits for new rows and examines them.
 """
 
@@ -36,15 +34,10 @@ from bcapscope.tui.traffic_processes.process_messages import (
 REPORT_INTERVAL = 0.05
 """Seconds between two reports."""
 
-_BATCH = 128
-"""Number of rows that a search examines between two checks for a new request. This takes some
-milliseconds.
-"""
+_BATCH = 128  # rows between two checks for a new request; they take some milliseconds
 
 
 class TrafficSearch:
-    """Runs one search at a time, always for the latest request."""
-
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
         self._answers = answers
         self._journal = ObservationStore(folder)
@@ -63,7 +56,7 @@ class TrafficSearch:
             request = self._answer_request(request) if request.expression else self.requests.get()
 
     def _answer_request(self, request: SearchRequest) -> SearchRequest:
-        """Search the existing rows, then new rows, until the next request arrives; return that request."""
+        """Search the existing and new rows until the next request arrives; return that request."""
         is_frame = request.kind == RecordKind.FRAME
         fits, count_rows = self._frame_search(request) if is_frame else self._call_search(request)
         rows, searched, reported, reported_at = array("I"), 0, 0.0, -1

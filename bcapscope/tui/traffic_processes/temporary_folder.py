@@ -18,8 +18,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.traffic_processes import folder_cleanup
 
 _PREFIX = "traffic-"
-_REMOVE_TIMEOUT = 10.0
-"""Maximum time in seconds that `close` waits for the removal of the folder."""
+_REMOVE_TIMEOUT = 10.0  # seconds
 
 
 class TemporaryFolderError(BcapError):
@@ -27,19 +26,14 @@ class TemporaryFolderError(BcapError):
 
 
 class TemporaryFolder:
-    """A context manager for a folder that is removed when the screen ends, even if the screen is killed.
+    """A folder that is removed when the screen ends, even if the screen is killed.
 
     Temporary files without names are not enough, because several processes open these files. Windows cannot
-    remove an open file. Therefore a separate process waits until the screen has ended, and then removes the
-    folder.
+    remove an open file, so a separate process waits until the screen has ended, and then removes the folder.
     """
 
     def __init__(self) -> None:
-        """Create a folder in the platform's folder for caches.
-
-        Raises:
-            TemporaryFolderError: The folder cannot be created.
-        """
+        """Create a folder in the platform's folder for caches, or raise `TemporaryFolderError`."""
         root = cache_root()
         try:
             root.mkdir(parents=True, exist_ok=True)
@@ -56,14 +50,8 @@ class TemporaryFolder:
             start_new_session=True,
         )
 
-    def __enter__(self) -> TemporaryFolder:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
     def close(self) -> None:
-        """Start the removal of the folder, and wait at most `_REMOVE_TIMEOUT` seconds until it is removed."""
+        """Remove the folder, but wait at most `_REMOVE_TIMEOUT` for this."""
         assert self._cleanup_process.stdin is not None
         with suppress(OSError):  # the process was killed
             self._cleanup_process.stdin.close()
@@ -83,9 +71,7 @@ def _remove_leftovers(root: Path) -> None:
 
 
 def _is_used(folder: Path) -> bool:
-    """Return whether the process that created a folder still runs. The folder's name contains the number of
-    this process.
-    """
+    """Return whether the process that created a folder, and whose number is in its name, still runs."""
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
     # on Windows, os.kill would end the process instead of testing whether the process runs
     if not number.isdigit() or sys.platform == "win32":

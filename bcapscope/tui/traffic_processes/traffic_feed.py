@@ -29,15 +29,12 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
 
-_END_TIMEOUT = 2.0
-"""Time limit in seconds for a process to end. After this time, the screen kills the process."""
+_END_TIMEOUT = 2.0  # seconds until the screen kills a process
 
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A problem of the source of traffic, which is a proxy or a simulator. If an earlier problem is over,
-    `reason` is "".
-    """
+    """A problem of a proxy or simulator whose traffic the feed reads; "" if an earlier problem is over."""
 
     reason: str
 
@@ -52,22 +49,15 @@ FeedListener = Callable[[FeedUpdate], object]
 
 
 class TrafficFeed:
-    """The traffic of one source. The feed passes reports to a listener, in a separate thread.
-
-    Attributes:
-        journal: Store of all observations; None before the first observation.
-        calls: Store of all complete calls and stray replies; None before the first observation.
-        is_closed: Whether the feed is closed, so that its data can no longer be read.
-    """
+    """The traffic of one source. `journal` and `calls` are None until the first report of traffic."""
 
     def __init__(self, job: ReadJob, reports: BinaryIO | None = None) -> None:
-        """Start a process that reads the traffic. If `reports` is given, no process is necessary, because the
-        watcher of a proxy reads the traffic.
+        """Start a process that reads the traffic.
 
         Args:
-            job: Which traffic to read. If `reports` is None, the feed ignores `job.folder` and
-                `job.language`, and chooses its own values.
-            reports: Stream of `ReadProgress` and `TrafficAnalysis` messages from a proxy's watcher.
+            job: Which traffic to read. If `reports` is None, the feed chooses the job's folder and language.
+            reports: Stream of `ReadProgress` and `TrafficAnalysis` messages from a proxy's watcher. With this
+                stream, no process is necessary.
         """
         self._folder: TemporaryFolder | None = None
         if reports is None:
@@ -112,24 +102,20 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """Path from which bcapscope derives the file names that it proposes; ``live.pcapng`` for a temporary
-        capture.
-        """
+        """Path from which proposed file names are derived; ``live.pcapng`` for a temporary capture."""
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass the latest undelivered update of each kind to `listener` immediately. Each new
-        update reaches `listener` in the thread that published the update.
-        """
+        """Pass the undelivered updates now, and each new update in the thread that publishes it."""
         with self._lock:
             self._listener = listener
         for message in self._undelivered.values():
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the journal and the call store; return False if their files do not exist yet."""
+        """Open the stores; return False if their files do not exist yet."""
         if self.journal is None:
             folder = Path(self.job.folder)
             try:
@@ -140,7 +126,6 @@ class TrafficFeed:
         return self.journal is not None
 
     def _read_reports(self, stream: BinaryIO) -> None:
-        """Forward the reports of the reading process; report an error if no final report arrives."""
         ended = False
         kind = cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
         with stream as reports:
@@ -196,34 +181,22 @@ class TrafficFeed:
         return SaveJob(self.progress.packets, target, notes, most, current_language())
 
     def save(self, job: SaveJob) -> str:
-        """Run a save job, and return why it failed, or "" on success.
-
-        The method blocks, so call it from a separate thread.
-        """
+        """Run a save job, and return why it failed, or "". Call this blocking method in a separate thread."""
         process = self._start_process("save_process")
         send_message(_pipe(process.stdin), job)
         out, _ = process.communicate()
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Notify the reader process that no more traffic will arrive. The reader process still processes the
-        remaining data.
-
-        A feed of a proxy has no reader process, so `stop_reading` does nothing. The proxy's watcher ends when
-        the proxy's relay ends.
-        """
-        if self._reader is None:
+        """Notify the reader process that no more traffic will arrive. It still reads the remaining data."""
+        if self._reader is None:  # the watcher of a proxy ends with the relay
             return
         with suppress(OSError):  # the process has ended
             _pipe(self._reader.stdin).write(STOP_READING)
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report a problem of the proxy or simulator whose traffic the feed reads. `reason` is one sentence,
-        or "" to withdraw an earlier report.
-
-        Any thread may call this method.
-        """
+        """Report a `SourceProblem`. Any thread may call this method."""
         self._publish(SourceProblem(reason))
 
     def close(self) -> None:
@@ -255,6 +228,5 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    """Return `stream`, which is never None, because bcapscope starts each process with pipes."""
-    assert stream is not None
+    assert stream is not None  # bcapscope starts each process with pipes
     return stream

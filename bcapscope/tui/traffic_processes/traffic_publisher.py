@@ -1,4 +1,4 @@
-"""Publish traffic for the screen. This module writes frames and calls to files, and sends reports."""
+"""Publish traffic for the screen: write frames and calls to files, and send reports."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
 
 FLUSH_INTERVAL = 0.1
-"""Minimum time in seconds between two reports of new frames. While the screen draws new frames, keys must
-wait.
-"""
+"""Minimum time in seconds between two reports of new frames. While the screen draws these, keys must wait."""
 
 ANALYSIS_INTERVAL = 1.5
 """Minimum time in seconds between two reports of the analysis."""
@@ -63,9 +61,7 @@ class TrafficPublisher:
         self._last_analysis_count = 0
 
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic. The diagnosis is loaded at its first use, so that the first
-        frames appear sooner.
-        """
+        """Load the diagnosis at its first use, so that the first frames appear sooner."""
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import (  # noqa: PLC0415 - loads numpy
                 RunningDiagnosis,
@@ -78,16 +74,14 @@ class TrafficPublisher:
         return self.call_recorder, *self.load_diagnosis().subscribers
 
     def report_progress(self) -> None:
-        """Write frames and calls to the files that the screen reads, and report progress to the screen."""
         self.journal.flush()
         self._calls.flush()
         self._send(self._make_progress())
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """Report progress at most every `FLUSH_INTERVAL`, and the analysis at most every `ANALYSIS_INTERVAL`.
-        The analysis assumes that the traffic ends at `end_time` (ns since 1970), or with the last frame if
-        that frame is later.
+        """Report progress and analysis, unless their intervals have not passed. The analysis assumes that the
+        traffic ends at `end_time` (ns since 1970), or with the last frame if that frame is later.
         """
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:

@@ -1,8 +1,6 @@
-"""Publishes traffic from the watcher of a proxy to the screen that started the proxy.
-
-The screen reads the proxy's frames and calls from the same kinds of files that the reader process writes. The
-watcher's reports go to the standard output of the relay. The relay writes its addresses to standard output
-before it accepts clients, so the addresses come before all reports.
+"""Publishes traffic from the watcher of a proxy to the screen that started the proxy, through the same kinds
+of files that the reader process writes. The reports go to the standard output of the relay, which writes its
+addresses there before it accepts clients, so before all reports.
 """
 
 from __future__ import annotations
@@ -25,15 +23,11 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
-_SENT_WITHIN = 2.0
-"""Maximum time in seconds for sending the last reports."""
+_SENT_WITHIN = 2.0  # seconds for sending the last reports
 
 
 class ReportSender:
-    """Sends reports in a separate thread, so that the watcher need not wait for a screen that reads slowly.
-
-    A newer report replaces a report of the same kind that has not been sent yet.
-    """
+    """Sends the latest report of each kind in a thread, so that a screen that reads slowly delays nobody."""
 
     def __init__(self, stream: io.RawIOBase) -> None:
         self._stream = stream
@@ -70,10 +64,7 @@ class ReportSender:
 
 
 class WatcherPublisher:
-    """Publishes what the watcher decodes.
-
-    If a file cannot be written, the publisher reports the error and stops publishing.
-    """
+    """Publishes what the watcher decodes, until a file cannot be written."""
 
     def __init__(self, job: ReadJob, sender: ReportSender) -> None:
         """Create the files for the screen; raises `OSError` if creating them fails."""
@@ -87,7 +78,7 @@ class WatcherPublisher:
         self._has_ended, self._problem = False, ""
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Publish a frame. `note` says how the proxy changed the frame; "" for an unchanged frame."""
+        """`note` says how the proxy changed the frame; "" for an unchanged frame."""
         kind = self._call_kind_of(observation)
         self._publish(self._publisher.journal.add, observation, kind, (note,) if note else ())
 
@@ -108,9 +99,7 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run `action`, which publishes traffic. If `action` fails, report the error and publish nothing
-        more.
-        """
+        """Run an action that publishes traffic. If it fails, report the error and publish nothing more."""
         if self._has_ended:
             return
         try:

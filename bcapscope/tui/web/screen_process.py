@@ -12,16 +12,10 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Time limit in seconds for a screen process to end. After this time, the server kills the process.
-
-`ENDS_WITHIN` is longer than `tui.app.CLOSE_TIMEOUT`, so that the screen process can first close everything
-that it opened.
-"""
+"""Seconds after which the server kills a screen process; longer than `tui.app.CLOSE_TIMEOUT`."""
 
 RELOAD_WITHIN = 2.0
-"""Maximum time in seconds that a new viewer waits for another viewer to disconnect. When a viewer reloads the
-page, the old and the new connection both count as viewers for a moment.
-"""
+"""Seconds that a new viewer waits for another to disconnect, such as the same viewer who reloads the page."""
 
 _KILLED_WITHIN = 2.0
 
@@ -31,11 +25,7 @@ class NoSeat(Exception):
 
 
 class ViewerSeats:
-    """Limits the number of viewers of a served screen.
-
-    `ending` is the number of screen processes that are ending. A screen process that is ending still counts
-    as a viewer.
-    """
+    """Limits the number of viewers. `ending` is the number of those whose screen process is ending."""
 
     def __init__(self, count: int) -> None:
         self._free = asyncio.Semaphore(count)
@@ -43,9 +33,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Count one more viewer during the `with` block. Raise `NoSeat` if too many viewers are connected,
-        and no viewer disconnects in time.
-        """
+        """Count one more viewer during the `with` block, or raise `NoSeat`."""
         if not await self._acquire(RELOAD_WITHIN) and not (
             self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -63,10 +51,9 @@ class ViewerSeats:
 
 
 class ScreenProcess(AppService):
-    """A `bcapscope tui` process that draws the screen through a websocket.
-
-    The process runs in a separate process group. Ctrl-C therefore reaches only the parent process. The parent
-    ends the screen process cleanly, so that the screen process can release the robot.
+    """A `bcapscope tui` process that draws the screen through a websocket. It runs in a separate process
+    group, so that Ctrl-C reaches only the parent. The parent ends the screen process cleanly, so that this
+    process can release the robot.
     """
 
     def __init__(
@@ -76,13 +63,8 @@ class ScreenProcess(AppService):
         write_str: Callable[[str], Awaitable[None]],
         close: Callable[[], Awaitable[object]],
     ) -> None:
-        """Prepare the process.
-
-        Args:
-            write_bytes: Function that sends drawing data to the page. `write_bytes` must not raise an
-                exception. After an exception, the server would stop reading the output of the screen process,
-                and the screen process would block.
-            write_str: Function that sends messages to the page. `write_str` must not raise an exception.
+        """`write_bytes` sends drawing data to the page, and `write_str` sends messages. After an exception in
+        one of them, the server would stop reading the output of the screen process, which would block.
         """
         super().__init__(
             subprocess.list2cmdline(argv),

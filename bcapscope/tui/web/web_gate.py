@@ -1,10 +1,9 @@
-"""Check whether a browser may open the screen that bcapscope serves. This module checks every HTTP request,
-and does no I/O.
+"""Check whether a browser may open the screen that bcapscope serves. This module does no I/O.
 
-The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
-forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
-cookie to every port of a host. Another user's server on the same host could therefore receive the cookie of
-bcapscope. Browsers send bcapscope's cookie only to the secret path, which no other server knows.
+The address that bcapscope prints contains a token. It opens a page that sets a cookie and forwards to a
+secret path. All other pages are below the secret path and need the cookie. Browsers send a cookie to every
+port of a host, which may be another user's server. They send this cookie only to the secret path, which no
+other server knows.
 """
 
 from __future__ import annotations
@@ -22,48 +21,31 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site. "" means that the header is missing. "none" means that the
-user typed the address or used a bookmark. "same-origin" means that the request is from bcapscope's own page.
-"""
+"""Accepted values of the header Sec-Fetch-Site: missing, or an address that was typed, or an own page."""
 
 
 @dataclass(frozen=True, slots=True)
 class WebRequest:
-    """The parts of an HTTP request that identify its sender.
+    """The parts of an HTTP request that identify its sender; "" stands for a missing part."""
 
-    Attributes:
-        path: Decoded path of the request without the query.
-        fetch_site: Value of the header Sec-Fetch-Site; "" if missing.
-        token: Token in the query of the request; "" if missing.
-        cookie: Value of the cookie `COOKIE`; "" if missing.
-    """
-
-    path: str
+    path: str  # decoded, without the query
     hosts: Sequence[str]
     origins: Sequence[str] = ()
-    fetch_site: str = ""
+    fetch_site: str = ""  # header Sec-Fetch-Site
     token: str = ""
     cookie: str = ""
     is_websocket: bool = False
 
 
 class WebGate:
-    """Holds the secrets of one served screen, and checks whether a request contains these secrets.
-
-    Attributes:
-        authority: Host and port of the server, in the form of the Host header.
-        origin: The only origin that may send requests, such as `http://127.0.0.1:8000`.
-        entry_url: Address with the token, which the user opens.
-        base_path: Secret path of all pages except the entry page, without a slash at the end.
-        cookie: Value of the cookie `COOKIE` that grants access below `base_path`.
-    """
+    """Holds the secrets of one served screen, and checks whether a request contains these secrets."""
 
     def __init__(self, address: Endpoint) -> None:
-        self.authority = str(address).removesuffix(f":{_HTTP_PORT}")
+        self.authority = str(address).removesuffix(f":{_HTTP_PORT}")  # as in the header Host
         self._token = secrets.token_urlsafe()
         self.origin = f"http://{self.authority}"
         self.entry_url = f"{self.origin}/?{TOKEN}={self._token}"
-        self.base_path = f"/{secrets.token_urlsafe()}"
+        self.base_path = f"/{secrets.token_urlsafe()}"  # secret path of all pages except the entry page
         self.cookie = secrets.token_urlsafe()
 
     def refusal_reason(self, request: WebRequest) -> str:

@@ -27,28 +27,20 @@ from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess,
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 PROVES_WITHIN = 10.0
-"""Seconds after which the server closes a new connection, unless one of its requests has passed the access
-check.
-"""
+"""Seconds in which one request on a new connection must pass the access check."""
 
 MAX_UNPROVED = 64
-"""Maximum number of connections that have not yet passed the access check with a request. For each
-connection above this maximum, the server closes the oldest connection that has not passed the access check.
-
-One browser opens at most six connections.
+"""Maximum number of connections without a request that has passed the access check. For each connection above
+this maximum, the server closes the oldest of them. One browser opens at most six connections.
 """
 
 HEARTBEAT = 4.0
-"""Seconds between two pings to a viewer.
-
-If a viewer does not answer within half of this time, the server closes the connection.
-"""
+"""Seconds between two pings to a viewer, who must answer within half of this time."""
 
 _LARGEST_MESSAGE = 1 << 20
 """Maximum size in bytes of a message from a page. The largest messages contain pasted text."""
 
-_LARGEST_SIZE = 1000
-"""Maximum number of columns or lines of a screen. No real display has more columns or lines."""
+_LARGEST_SIZE = 1000  # columns or lines of a screen
 
 _BUSY_PATH = "/busy"
 
@@ -65,11 +57,8 @@ class WebServer:
     """Serves the screen of one command to viewers who know the address."""
 
     def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
-        """Prepare the server.
-
-        Args:
-            listening: Socket that listens on a loopback address; `run` closes the socket.
-            viewers: Maximum number of viewers. Each viewer gets a separate screen process.
+        """`listening` is a socket that listens on a loopback address; `run` closes the socket. `viewers` is
+        the maximum number of viewers, each of whom gets a separate screen process.
         """
         address = Endpoint(*listening.getsockname()[:2])
         self.gate = WebGate(address)
@@ -166,9 +155,7 @@ class WebServer:
 
     async def _entry_page(self, request: web.Request) -> web.Response:
         """Set the cookie and send the browser to the secret path, so that the address bar loses the token.
-
-        A meta tag in the page makes the browser load the secret path. With an HTTP redirect, the browser
-        would not send the cookie after a click on a link in another page.
+        After a click on a link in another page, the browser would not send the cookie with an HTTP redirect.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -236,7 +223,6 @@ class WebServer:
 
 
 async def _send(send: Callable[[T], Awaitable[None]], data: T) -> None:
-    """Send data to a page, unless the connection is lost."""
     with suppress(ConnectionError):
         await send(data)
 
@@ -277,7 +263,6 @@ def _page(body: str, head: str = "", status: int = 200) -> web.Response:
 
 
 async def _wait_for_end_signal() -> None:
-    """Wait for SIGINT or SIGTERM. If the event loop cannot handle signals, Ctrl-C cancels the wait."""
     arrived = asyncio.Event()
     with suppress(NotImplementedError):
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -286,8 +271,6 @@ async def _wait_for_end_signal() -> None:
 
 
 class _OneLineHandler(logging.Handler):
-    """Reports each error of the server in one line, and ignores errors that clients cause."""
-
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
         if not isinstance(error, HttpProcessingError):
@@ -295,7 +278,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Make the web server log each error in one line, so that the log does not contain the token."""
+    """Log each error of the server, but not of clients, in one line, which does not contain the token."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]
@@ -304,9 +287,7 @@ def _one_line_logger() -> logging.Logger:
 
 
 class WebConnections:
-    """Creates the protocol object of each connection. Closes a connection if no request on it passes the
-    access check in time.
-    """
+    """Creates the protocol object of each connection, and closes connections that prove nothing in time."""
 
     def __init__(self, server: web.Server) -> None:
         self._server = server
@@ -321,7 +302,7 @@ class WebConnections:
         return handler
 
     def mark_proved(self, handler: RequestHandler) -> None:
-        """Keep a connection open, because one of its requests has passed the access check."""
+        """Keep a connection open."""
         timer = self._unproved.pop(handler, None)
         if timer is not None:
             timer.cancel()

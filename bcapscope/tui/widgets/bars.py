@@ -1,4 +1,4 @@
-"""Bars of one line. A click on a text in a bar runs the action of this text."""
+"""Bars of one line, with clickable texts."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ from bcapscope.tui.reader_language import label
 class ClickBar(Widget):
     """Base class of the bars. A subclass renders each text in a style that `style_for` returns."""
 
-    auto_links = var(False)
-    """Textual's own link style is off, because this style would draw clickable text in other colours."""
+    auto_links = var(False)  # Textual's own link style would draw clickable text in other colours
 
     def style_for(self, name: str, action: str) -> Style:
         """Return the style of the component class `name`. A click on text in this style runs `action`."""
@@ -54,14 +53,11 @@ class TopBar(ClickBar):
         return Text.assemble(left, " " * max(0, space), status, no_wrap=True, end="")
 
 
-_ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
-"""Keys that the bar always shows: HALT, help, the command palette."""
+_ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")  # HALT, help, the command palette
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys as fit on the bar. The keys of the focused widget come first. A click on a key in
-    the bar has the effect of pressing the key.
-    """
+    """Shows as many keys as fit on the bar, those of the focused widget first. A click presses the key."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -94,10 +90,7 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the keyboard key, the name and the number of rows of each view. A click on a view opens the view.
-
-    The rest of the bar shows a text about the screen's work, such as the progress of reading.
-    """
+    """Shows key, name and number of rows of each view, which a click opens, and the screen's progress."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
@@ -110,9 +103,7 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show which view is visible, and how many rows each view has. Show the first text in
-        `states` that is short enough for the rest of the bar.
-        """
+        """`states` are texts for the rest of the bar, which shows the first text that is short enough."""
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()

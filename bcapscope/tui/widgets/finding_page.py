@@ -1,6 +1,4 @@
-"""Show findings, each consequence below its cause. If the user chooses a finding, the screen shows the frames
-that prove it.
-"""
+"""Show findings, each consequence below its cause."""
 
 from __future__ import annotations
 
@@ -26,13 +24,10 @@ _MAX_FRAMES = 12
 
 
 class FindingPage(ItemList[tuple[str, int]]):
-    """Shows findings as paragraphs; the keys up and down move by lines, and Enter chooses the finding."""
+    """Shows findings as paragraphs. An item is a line and the number of its finding; 0 for the summary."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", "findings.choose")]
-
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._analysis = NO_ANALYSIS
+    _analysis = NO_ANALYSIS
 
     def show_analysis(self, analysis: TrafficAnalysis) -> None:
         if analysis != self._analysis:

@@ -25,9 +25,7 @@ from bcapscope.tui.ink import INK, Styles, styled_segments
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import readable_style
 
-_MAX_STRIPS = 500
-"""Maximum number of rendered lines in the cache, enough for several screens."""
-
+_MAX_STRIPS = 500  # rendered lines in the cache, enough for several screens
 _SIDEWAYS_COLUMNS = 8
 
 
@@ -35,12 +33,8 @@ class Lines(ScrollView, can_focus=True):
     """A list with a cursor. A subclass defines `count` and `line`.
 
     A subclass calls `lines_added` if lines were added at the end, and `reset_lines` after any other change.
-    The list has no border and no padding, because `render_lines` draws neither.
-
-    Attributes:
-        cursor: Index of the line under the cursor; 0 if the list is empty.
-        follows_end: Whether the cursor moves to new lines if it is on the last line.
-        highlights_cursor_line: Whether the line under the cursor has a different colour.
+    The list has no border and no padding, because `render_lines` draws neither. In an empty list, the index
+    `cursor` is 0. With `follows_end`, the cursor moves from the last line to new lines.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -80,8 +74,7 @@ class Lines(ScrollView, can_focus=True):
 
     @property
     @abstractmethod
-    def count(self) -> int:
-        """Number of lines."""
+    def count(self) -> int: ...
 
     @abstractmethod
     def line(self, index: int) -> str:
@@ -94,7 +87,7 @@ class Lines(ScrollView, can_focus=True):
     # for subclasses
 
     def reset_lines(self, cursor: int = 0) -> None:
-        """Tell the list that all lines may be different. Put the cursor on the line with index `cursor`."""
+        """Draw all lines anew, with the cursor on the line with index `cursor`."""
         self._strips.clear()
         self._width = 0
         self._known_count = self.count
@@ -106,7 +99,6 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show new lines. With `follows_end`, a cursor on the last line moves to the new last line."""
         before, count = self._known_count, self.count
         if count == before:
             return
@@ -120,10 +112,7 @@ class Lines(ScrollView, can_focus=True):
             self._post_moved()
 
     def _update_extent(self) -> None:
-        """Update the total size and the scroll bar.
-
-        An ordinary assignment to `virtual_size` would make Textual lay out the whole screen each time.
-        """
+        """Update the total size, without a new layout of the whole screen, and the scroll bar."""
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
@@ -161,10 +150,7 @@ class Lines(ScrollView, can_focus=True):
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the visible lines. Most visible lines come from the cache `_strips`.
-
-        Textual's own method would draw every line again when the user scrolls by one line.
-        """
+        """Unlike Textual's own method, do not draw every line again when the user scrolls by one line."""
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
             self._background, self._filters = look
@@ -187,9 +173,7 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that describes how a line looks. If this text changes, the list draws the line again
-        without a call of `reset_lines` or `repaint`.
-        """
+        """Return a text about the look of a line. If this text changes, the list draws the line again."""
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
@@ -206,11 +190,8 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles for the pieces of a line. The keys are style names. The name "" stands for the
-        style of the whole line.
-
-        Args:
-            cursor_state: "cursor" or "blurred" for the line under the cursor, "" for any other line.
+        """Return the styles for the pieces of a line by style name; "" is the style of the whole line.
+        `cursor_state` is "cursor" or "blurred" for the line under the cursor, "" for any other line.
         """
         if cursor_state not in self._styles:
             own, inks = self._line_style(cursor_state), app_of(self).text_styles
@@ -229,7 +210,6 @@ class Lines(ScrollView, can_focus=True):
     # the cursor
 
     def move_cursor_to(self, index: int) -> None:
-        """Move the cursor to a line, or to the nearest line that exists."""
         self.cursor = max(0, min(index, self.count - 1))
 
     def watch_cursor(self, old: int, new: int) -> None:
@@ -276,12 +256,13 @@ class Lines(ScrollView, can_focus=True):
 
     def on_click(self, event: Click) -> None:
         offset = event.get_content_offset(self)
-        if offset is None:
-            return
-        index = offset.y + self.scroll_offset.y
-        if index >= self.count:
-            return
-        if index == self.cursor and event.chain > 1:
+        if offset is not None:
+            column, index = offset + self.scroll_offset
+            if index < self.count:
+                self.click_line(index, column, event.chain)
+
+    def click_line(self, index: int, column: int, clicks: int) -> None:
+        if index == self.cursor and clicks > 1:
             self.action_choose()
         self.move_cursor_to(index)
 
@@ -293,7 +274,7 @@ class ItemList(Lines, Generic[T]):
     """A list of items. When the items change, the cursor stays on the same item."""
 
     def __init__(self, empty: str = "", *, id: str | None = None) -> None:
-        """Create a list without items. A list without items shows only the label whose id is `empty`."""
+        """Create a list. While it has no items, it shows the label whose id is `empty`."""
         super().__init__(id=id)
         self.items: list[T] = []
         self._empty = empty
@@ -327,7 +308,6 @@ class ItemList(Lines, Generic[T]):
 
     @property
     def current_item(self) -> T | None:
-        """The item under the cursor; None in an empty list."""
         return self.items[self.cursor] if self.cursor < len(self.items) else None
 
     @property
@@ -341,7 +321,5 @@ class ItemList(Lines, Generic[T]):
 
 
 class TextList(ItemList[str]):
-    """A list of rendered lines."""
-
     def item_line(self, item: str) -> str:
         return item

@@ -1,4 +1,4 @@
-"""Show a frame as a tree and as bytes, side by side. The tree and the bytes highlight the selected field."""
+"""Show a frame as a tree and as bytes, side by side, both with the selected field highlighted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
-from textual.events import Click, Resize
+from textual.events import Resize
 from textual.message import Message
 
 from bcapscope.render.frame_tree import (
@@ -29,26 +29,21 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 MAX_ROWS = 20_000
-"""Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
+"""Rows per section. A frame of a megabyte has more fields than a user can read."""
 
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
-_FOLDED_AT_FIRST = 6
-"""A branch with at most this number of rows is folded at first. The first row of a short branch shows the
-content of the whole branch.
-"""
+_FOLDED_AT_FIRST = 6  # a branch with at most this number of rows, whose first row shows the whole content
 
 
 class _Entry(NamedTuple):
-    """A line of the tree: a field of a section, or the caption above the section if `row` is None."""
+    """A line of the tree: a field of a section, or the section's caption if `row` is None."""
 
     section: int
     row: FieldRow | None
 
 
 class FieldTree(Lines):
-    """Shows the fields of a frame as a tree. The left and right keys fold and unfold branches."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "fold", "tree.fold", show=False),
         Binding("right", "unfold", "tree.unfold", show=False),
@@ -58,9 +53,7 @@ class FieldTree(Lines):
 
     @dataclass
     class FieldSelected(Message):
-        """The cursor moved to a row. The row shows the bytes of a section from `begin` up to, but not
-        including, `end`.
-        """
+        """The cursor moved to the field with the bytes from `begin` up to, but not including, `end`."""
 
         section: int
         begin: int
@@ -81,7 +74,7 @@ class FieldTree(Lines):
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
         """Select the innermost field that contains the byte at `offset`, but post no message. Return the
-        field's start and end; both are 0 if no field contains the byte.
+        field's start and end, or zeros if there is no such field.
         """
         found = None
         for index, entry in enumerate(self._entries):
@@ -101,7 +94,6 @@ class FieldTree(Lines):
 
     @property
     def offset_in_frame(self) -> int:
-        """Offset of the field under the cursor from the start of the frame; 0 if there is no field."""
         row = self._entries[self._visible[self.cursor]].row if self._visible else None
         return 0 if row is None else row.start
 
@@ -207,21 +199,21 @@ class FieldTree(Lines):
 
 
 _FEW_BYTES = 8
-_OFFSET_WIDTH = 8
-"""Number of columns before the first byte of a line: six digits and two spaces."""
+_OFFSET_WIDTH = 8  # columns before the first byte of a line: six digits and two spaces
 
 
 def width_for(per_line: int) -> int:
-    """Return the number of columns that a line with `per_line` bytes needs."""
     return _OFFSET_WIDTH + 3 * per_line - (per_line <= _FEW_BYTES) + 2 + per_line
 
 
 class HexView(Lines):
-    """Shows bytes with their offsets, and highlights the bytes of one field. The left and right keys
-    move the cursor by one byte; the up and down keys move the cursor by one row.
-    """
+    """Shows bytes with their offsets, and highlights the bytes of one field. The cursor is on one byte."""
 
-    highlights_cursor_line = False  # the cursor is a byte
+    highlights_cursor_line = False
+    _sections: tuple[FrameSection, ...] = ()
+    _per_line = PER_LINE
+    _highlighted = (0, 0, 0)  # section, start and end
+    _cursor_byte = (0, 0)  # section and offset
 
     @dataclass
     class ByteSelected(Message):
@@ -230,20 +222,13 @@ class HexView(Lines):
         section: int
         offset: int
 
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._sections: tuple[FrameSection, ...] = ()
-        self._per_line = PER_LINE
-        self._highlighted = (0, 0, 0)
-        self._cursor_byte = (0, 0)
-
     def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
         self._sections = sections
         self._highlighted, self._cursor_byte = (0, 0, 0), (0, 0)
         self.reset_lines()
 
     def highlight_bytes(self, section: int, start: int, stop: int, follow: bool = True) -> None:
-        """Highlight the bytes of a field; if `follow` is set, move the cursor to the first of these bytes."""
+        """Highlight the bytes of a field; with `follow`, move the cursor to the first of these bytes."""
         if (section, start, stop) == self._highlighted:
             return
         self._highlighted = (section, start, stop)
@@ -261,9 +246,7 @@ class HexView(Lines):
         return bool(caption) - (-len(body) // self._per_line)
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return which section a line belongs to, and which row of the section the line shows. The row is -1
-        if the line shows the caption.
-        """
+        """Return the section of a line, and the line's row in the section; -1 for the caption."""
         section = 0
         while index >= self._section_height(section):
             index -= self._section_height(section)
@@ -333,21 +316,14 @@ class HexView(Lines):
         if self._sections:
             self._select_byte(len(self._sections) - 1, len(self._sections[-1].body) - 1)
 
-    def on_click(self, event: Click) -> None:
-        event.prevent_default()
-        offset = event.get_content_offset(self)
-        if offset is None:
-            return
-        index = offset.y + self.scroll_offset.y
-        byte = _byte_at(offset.x + self.scroll_offset.x, self._per_line)
-        if index < self.count and byte is not None:
-            section, row = self._locate_line(index)
-            if row >= 0:
-                self._select_byte(section, row * self._per_line + byte)
+    def click_line(self, index: int, column: int, clicks: int) -> None:
+        byte = _byte_at(column, self._per_line)
+        section, row = self._locate_line(index)
+        if byte is not None and row >= 0:
+            self._select_byte(section, row * self._per_line + byte)
 
 
 def _byte_at(column: int, per_line: int) -> int | None:
-    """Return the index of the byte at a column of a line; None if the column shows no byte."""
     letters = width_for(per_line) - per_line
     if column >= letters:
         return min(column - letters, per_line - 1)
@@ -360,36 +336,25 @@ def _byte_at(column: int, per_line: int) -> int | None:
 
 
 _TREE_AT_LEAST = 48
-"""Minimum width of the tree, in columns. The byte view shows 16 bytes per line if at least `_TREE_AT_LEAST`
-columns remain for the tree. If fewer columns would remain for the tree, the byte view shows eight bytes per
-line.
-"""
+"""Columns that must remain for the tree; otherwise the byte view shows eight bytes per line instead of 16."""
 
 
 class PacketView(Horizontal, PlainContainer):
-    """Shows a frame, or other bytes, as a tree and as bytes. The tree and the bytes highlight the selected
-    field.
-    """
+    """Shows a frame, or other bytes, as a tree and as bytes."""
 
     def compose(self) -> ComposeResult:
-        """Put the tree and the bytes side by side. The vertical line between tree and bytes is a separate
-        widget, which Textual draws only once.
-        """
         yield FieldTree(id="fields")
-        yield Container(classes="edge")
+        yield Container(classes="edge")  # a line, in a separate widget, so that Textual draws it only once
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:
-        """Show an observation; if `observation` is None, show nothing. For a reply, `call_kind` is the
-        function and command of its request.
-        """
+        """Show an observation, or nothing. For a reply, `call_kind` is the kind of its request."""
         found = () if observation is None else frame_sections(observation, call_kind)
         self.query_one(HexView).show_sections(found)
         with self.prevent(Lines.Moved):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the byte view the columns that it needs, and the tree the remaining columns."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST
@@ -399,7 +364,6 @@ class PacketView(Horizontal, PlainContainer):
         self.query_one(HexView).highlight_bytes(message.section, message.begin, message.end)
 
     def on_hex_view_byte_selected(self, message: HexView.ByteSelected) -> None:
-        """Select the field that contains the byte under the cursor, and highlight the bytes of that field."""
         start, stop = self.query_one(FieldTree).select_field_at(message.section, message.offset)
         if stop:
             self.query_one(HexView).highlight_bytes(message.section, start, stop, follow=False)

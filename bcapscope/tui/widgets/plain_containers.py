@@ -10,16 +10,14 @@ from textual.widgets import ContentSwitcher
 
 
 class PlainContainer(Widget):
-    """A container without border, padding and scroll bars. Only the children of the container are visible.
+    """A container without border, padding and scroll bars, so that all its lines are blank.
 
-    Textual draws each line of an ordinary container, even if children hide the line. With ordinary
-    containers, hidden lines took a third of the time that Textual needed for a resize of the terminal. A
-    subclass must name `PlainContainer` after another base class, because Textual takes styles only from the
-    first base class.
+    Textual draws each line of an ordinary container, even if children hide the line. This took a third of the
+    time of a resize of the terminal. A subclass must name `PlainContainer` after another base class, because
+    Textual takes styles only from the first base class.
     """
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the same blank line for every row."""
         blank = Strip.blank(crop.width, self.rich_style)
         for each in self.get_line_filters():
             blank = blank.apply_filter(each, self.background_colors[1])
@@ -31,4 +29,4 @@ class PlainVertical(Vertical, PlainContainer):
 
 
 class Switcher(ContentSwitcher, PlainContainer):
-    """A container that shows one of its children at a time."""
+    """Shows one of its children at a time."""

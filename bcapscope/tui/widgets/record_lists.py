@@ -1,12 +1,12 @@
-"""Lists of frames and of calls. Only visible rows are drawn, so that a list with a million rows is fast."""
+"""Lists of frames and of calls."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from array import array
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections.abc import Callable, Collection
-from typing import ClassVar, Generic, TypeAlias, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from textual.binding import Binding, BindingType
 
@@ -18,13 +18,11 @@ from bcapscope.render.escape import printable
 from bcapscope.render.frame_line import FrameLineRenderer
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Direction, Flow
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.lines import Lines
 
-EndpointWriter: TypeAlias = Callable[[Flow], str]
 Source = TypeVar("Source", ObservationStore, CallStore)
 
 _MAX_CLIENT_LENGTH = 45
@@ -39,21 +37,19 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines, Generic[Source]):
-    """Shows the records of `source`. With a filter, the list shows only the matching records that the search
-    has found so far.
-
-    Attributes:
-        clock: Format of the times in the lines.
-        matches: Numbers of the records that match the filter; None without a filter. Records are numbered
-            from 1.
+    """Shows the records of `source`. With a filter, `matches` contains the numbers, from 1, of the matching
+    records found so far, and the list shows only these.
     """
+
+    matches: array[int] | None = None
+    clock = TimeFormat.RELATIVE
+    _source: Source | None = None
+    _shows_client = False
+    _origin = 0
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self.matches: array[int] | None = None
-        self._source: Source | None = None
-        self.clock, self._shows_client, self._origin = TimeFormat.RELATIVE, False, 0
-        self.use_format(self.clock, direction_arrow, 0)
+        self.use_format(direction_arrow)
 
     @property
     def source(self) -> Source:
@@ -68,29 +64,27 @@ class RecordList(Lines, Generic[Source]):
         self.reset_lines()
 
     @abstractmethod
-    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """Set the format of the lines rendered after this call. Relative times count from `origin`."""
+    def use_format(self, write_endpoints: Callable[[Flow], str]) -> None:
+        """Render lines with `write_endpoints` and the times that `set_line_format` chose."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
-        """Set the format of times, and whether lines show the client. Relative times count from `origin`."""
+        """Count relative times from `origin`, in ns since 1970."""
         if (clock, with_client, origin) != (self.clock, self._shows_client, self._origin):
             self.clock, self._shows_client, self._origin = clock, with_client, origin
-            self.use_format(clock, client_and_arrow if with_client else direction_arrow, origin)
+            self.use_format(client_and_arrow if with_client else direction_arrow)
             self.repaint()
 
     @property
     def client_header(self) -> str:
-        """Header of two columns: the client and the direction arrow. "" if lines do not show the client."""
+        """Header of the client and the direction arrow; "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
     @property
     def row_count(self) -> int:
-        """Number of rows. Each row shows one record."""
         rows = self._source if self.matches is None else self.matches
         return 0 if rows is None else len(rows)
 
     def record_at(self, row: int) -> int:
-        """Return the number of the record that a row shows; the first record has the number 1."""
         return row + 1 if self.matches is None else self.matches[row]
 
     def row_of(self, number: int) -> int | None:
@@ -104,43 +98,31 @@ class RecordList(Lines, Generic[Source]):
 
 
 def left_aligned(text: str, width: int) -> str:
-    """Left-align a text in a column; a wide character counts as two columns."""
     return text + " " * max(0, width - display_width(text))
 
 
 def right_aligned(text: str, width: int) -> str:
-    """Right-align a text in a column; a wide character counts as two columns."""
     return " " * max(0, width - display_width(text)) + text
 
 
-MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Signs before a frame. `MARKED` means that the user marked the frame. `RELATED` means that the frame belongs
-to the call under the cursor. `EVIDENCE` means that the frame proves a finding.
-"""
-
-
 class FrameList(RecordList[ObservationStore]):
-    """Shows the frames of an `ObservationStore`.
+    """Shows frames, with signs before the frames whose numbers are in `marks`, `related` and `evidence`."""
 
-    Attributes:
-        marks: The user's notes, by the numbers of the marked frames; "" if a marked frame has no note.
-        related: Numbers of the frames of the call under the cursor.
-        evidence: Numbers of the frames that prove the selected finding, in the order of the finding.
-    """
+    related: Collection[int] = ()  # frames of the call under the cursor
+    evidence: Collection[int] = ()  # frames that prove the selected finding, in the order of the finding
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self.marks: dict[int, str] = {}
-        self.related: Collection[int] = ()
-        self.evidence: Collection[int] = ()
+        self.marks: dict[int, str] = {}  # the user's notes; "" for a mark without a note
 
     def clear_source(self) -> None:
         self.marks, self.related, self.evidence = {}, (), ()
         super().clear_source()
 
-    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        self._renderer = FrameLineRenderer(clock, INK, write_endpoints=write_endpoints, words=reader_words())
-        self._renderer.set_time_origin(origin)
+    def use_format(self, write_endpoints: Callable[[Flow], str]) -> None:
+        words = reader_words()
+        self._renderer = FrameLineRenderer(self.clock, INK, write_endpoints=write_endpoints, words=words)
+        self._renderer.set_time_origin(self._origin)
 
     @property
     def count(self) -> int:
@@ -148,17 +130,13 @@ class FrameList(RecordList[ObservationStore]):
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None if the cursor is not on a frame."""
         return self.record_at(self.cursor) if self.cursor < self.count else None
-
-    def read_frame(self, number: int) -> AnnotatedFrame:
-        return self.source.read_frame(number)
 
     def line(self, index: int) -> str:
         number = self.record_at(index)
         if self.clock is TimeFormat.DELTA:
             self._renderer.set_time_origin(self.source.time_of(self.record_at(max(0, index - 1))))
-        frame, call_kind, comments = self.read_frame(number)
+        frame, call_kind, comments = self.source.read_frame(number)
         note = self.marks.get(number)
         if note:
             comments = (*comments, note)
@@ -168,13 +146,12 @@ class FrameList(RecordList[ObservationStore]):
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
-        mark = f"{INK.problem}{MARKED}{INK.reset}" if number in self.marks else " "
+        mark = f"{INK.problem}●{INK.reset}" if number in self.marks else " "
         if number in self.evidence:
-            return f"{mark}{INK.bad}{EVIDENCE}{INK.reset}"
-        return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
+            return f"{mark}{INK.bad}◆{INK.reset}"
+        return f"{mark}{INK.good}┃{INK.reset}" if number in self.related else f"{mark} "
 
     def show_related(self, related: Collection[int]) -> None:
-        """Mark the frames of the call under the cursor, and unmark those of the previous call."""
         if related != self.related:
             changed = [self.row_of(number) for number in {*related, *self.related}]
             self.related = related
@@ -190,10 +167,6 @@ class FrameList(RecordList[ObservationStore]):
 
 
 class CallList(RecordList[CallStore]):
-    """Shows the calls in a call store. The right arrow key unfolds the frames of a call, and the left arrow
-    key folds them.
-    """
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "unfold(True)", "traffic.unfold", show=False),
         Binding("left", "unfold(False)", "", show=False),
@@ -202,31 +175,29 @@ class CallList(RecordList[CallStore]):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._unfolded: list[tuple[int, int]] = []
+        self._unfolded: dict[int, int] = {}  # number of frames by the position of their call, in order
 
     def clear_source(self) -> None:
         self._unfolded.clear()
         super().clear_source()
 
-    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        self._renderer = CallRenderer(clock, INK, write_endpoints, reader_words())
-        self._renderer.set_time_origin(origin)
+    def use_format(self, write_endpoints: Callable[[Flow], str]) -> None:
+        self._renderer = CallRenderer(self.clock, INK, write_endpoints, reader_words())
+        self._renderer.set_time_origin(self._origin)
 
     @property
     def count(self) -> int:
-        return self.row_count + sum(extra for _, extra in self._unfolded)
+        return self.row_count + sum(self._unfolded.values())
 
     def show_rows(self) -> None:
-        """Hide the frames of all calls and redraw the list. Call this method after a change of `matches`."""
+        """Fold all calls and redraw the list. Call this method after a change of `matches`."""
         self._unfolded.clear()
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of the call that a line belongs to. Also return which frame of the call the
-        line shows, counted from 1; 0 if the line shows the call itself.
-        """
+        """Return the position of a line's call, and the frame in the line, from 1; 0 for the call itself."""
         above = 0
-        for position, extra in self._unfolded:
+        for position, extra in self._unfolded.items():
             line = position + above
             if index <= line:
                 break
@@ -236,14 +207,14 @@ class CallList(RecordList[CallStore]):
         return index - above, 0
 
     def _line_of(self, position: int) -> int:
-        return position + sum(extra for each, extra in self._unfolded if each < position)
+        return position + sum(extra for each, extra in self._unfolded.items() if each < position)
 
     def call_row(self, position: int) -> StoredCall:
         return self.source.read_call(self.record_at(position) - 1)
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, and the number of its frame; None if the list is empty."""
+        """The call and the number of the frame under the cursor; None if the list is empty."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)
@@ -274,7 +245,7 @@ class CallList(RecordList[CallStore]):
                 first = above.request if isinstance(above, Call) else above.observation
                 self._renderer.set_time_origin(first.time)
             many = isinstance(call, Call) and bool(call.other_frames)
-            fold = " " if not isinstance(call, Call) else "▾" if self._is_unfolded(position) else "▸"
+            fold = " " if not isinstance(call, Call) else "▾" if position in self._unfolded else "▸"
             color = INK.problem if many else INK.dim
             return f"{color}{fold}{INK.reset}{self._renderer.line(call, row.subject)}"
         if not isinstance(call, Call) or part > len(call.frames):
@@ -285,27 +256,25 @@ class CallList(RecordList[CallStore]):
         bracket = "└─" if part == len(events) else "├─"
         return f"        {INK.dim}{bracket}{INK.reset} {self._renderer.event_line(event, before, call)}"
 
-    def _is_unfolded(self, position: int) -> bool:
-        return any(each == position for each, _ in self._unfolded)
-
     def action_unfold(self, wanted: bool) -> None:
         if self.cursor >= self.count:
             return
         position, _ = self._locate_line(self.cursor)
-        if self._is_unfolded(position) == wanted:
+        if (position in self._unfolded) == wanted:
             return
         if wanted:
             call = self.call_row(position).settled
             if not isinstance(call, Call):
                 return
-            insort(self._unfolded, (position, len(call.frames)))
+            self._unfolded[position] = len(call.frames)
+            self._unfolded = dict(sorted(self._unfolded.items()))
         else:
-            self._unfolded = [each for each in self._unfolded if each[0] != position]
+            del self._unfolded[position]
         self.reset_lines(self._line_of(position))
 
     def action_turn(self) -> None:
         if self.cursor < self.count:
-            self.action_unfold(not self._is_unfolded(self._locate_line(self.cursor)[0]))
+            self.action_unfold(self._locate_line(self.cursor)[0] not in self._unfolded)
 
     def action_choose(self) -> None:
         if self.cursor < self.count and self._locate_line(self.cursor)[1]:

@@ -1,4 +1,4 @@
-"""A widget for rendered text in the colours of the theme, and an input line that checks its text."""
+"""Widgets for text in the colours of the theme, and for input that is checked."""
 
 from __future__ import annotations
 
@@ -25,9 +25,7 @@ class InkedText(Static):
         self._source_text = ""
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
-        """Show a text; control characters in the text select styles, as the module `tui.ink` describes.
-        `layout` must be True if the size of the text may have changed.
-        """
+        """Show a text with ink marks. `layout` must be True if the size of the text may have changed."""
         if text != self._source_text:
             self._source_text = text
             self._draw(layout)
@@ -57,46 +55,36 @@ class CheckedInput(Vertical):
             return self.line
 
     class Entered(Typed):
-        """The user pressed Enter on valid text or an empty line.
-
-        Because `Entered` is a subclass of `Typed`, handlers of `Typed` also receive `Entered` messages.
-        """
+        """The user pressed Enter on valid text or an empty line. Handlers of `Typed` also receive this."""
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
-        """Configure the input line.
-
-        Args:
-            name: Id of the input field. The id of this widget is the name followed by ``-line``.
-            parse: Function that parses the text if the text is not empty. For invalid text, `parse` raises a
-                `ValueError`, whose text the widget shows.
+        """`name` is the id of the input field; this widget has the id ``<name>-line``. `parse` parses text
+        that is not empty, and raises a `ValueError`, whose text the widget shows, if the text is invalid.
         """
         super().__init__(id=f"{name}-line")
-        self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
+        self.field = Input(placeholder=hint, id=name, select_on_focus=False)
+        self._error = Static(id=f"{name}-error", classes="checked-error")
+        self._parse, self._caption = parse, caption
 
     def compose(self) -> ComposeResult:
         with Horizontal(classes="checked-row"):
             if self._caption:
                 yield Static(Text(f" {self._caption} "), classes="checked-caption")
-            yield Input(placeholder=self._hint, id=self._field, select_on_focus=False)
-        yield Static(id=f"{self._field}-error", classes="checked-error")
-
-    @property
-    def field(self) -> Input:
-        return self.query_one(f"#{self._field}", Input)
+            yield self.field
+        yield self._error
 
     def set_text(self, text: str) -> None:
-        """Set the text without posting a message, because the user did not type the text."""
-        field = self.field
-        with field.prevent(Input.Changed):
-            field.value = text
-        field.cursor_position = len(text)
+        """Set the text without posting a message."""
+        with self.field.prevent(Input.Changed):
+            self.field.value = text
+        self.field.cursor_position = len(text)
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Check the text again, because the result of the parser can depend on more than the text."""
+        # checks the text again, because the result of the parser can depend on more than the text
         self._check_text(event.value.strip(), self.Entered)
 
     def _check_text(self, text: str, message: type[Typed]) -> None:
@@ -109,7 +97,6 @@ class CheckedInput(Vertical):
         self.post_message(message(self, text, made))
 
     def _show_problem(self, wrong: str) -> None:
-        error = self.query_one(f"#{self._field}-error", Static)
-        error.update(Text("\n".join(map(printable, wrong.split("\n")))))
-        error.display = bool(wrong)
+        self._error.update(Text("\n".join(map(printable, wrong.split("\n")))))
+        self._error.display = bool(wrong)
         self.field.set_class(bool(wrong), "-invalid")

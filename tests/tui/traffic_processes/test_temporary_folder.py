@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,7 @@ def until(true: Callable[[], object]) -> None:
 
 
 def test_a_folder_is_removed_with_all_in_it(cache: Path) -> None:
-    with TemporaryFolder() as folder:
+    with closing(TemporaryFolder()) as folder:
         (folder.path / "deep" / "er").mkdir(parents=True)
         (folder.path / "deep" / "file").write_text("x")
         assert left(cache) == [folder.path]
