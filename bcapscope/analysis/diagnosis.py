@@ -76,6 +76,7 @@ class Diagnosis(PipelineSubscriber):
         self._clients = ClientRegistry(self._drop_client)
         self._session_detector = SlaveSessionDetector()
         self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
+        self._set_point_handlers = [each.on_call for each in self._checkers if each.needs_every_set_point]
         self._suspect_frame_handlers = overriding_methods(self._checkers, RuleChecker.on_suspect_frame)
         self._dropped_calls = self._not_followed = 0
         self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
@@ -120,6 +121,9 @@ class Diagnosis(PipelineSubscriber):
                 self._selection.on_call(call)
         if self._selected_sessions is not None:
             self._selected_sessions.on_set_points(calls)
+        for check in self._set_point_handlers:
+            for call in calls:
+                check(call, client)
         client.on_set_points(calls)
         sessions = self._session_detector.add_set_points(calls)
         if sessions:

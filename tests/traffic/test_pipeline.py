@@ -237,16 +237,22 @@ def test_runs_change_the_order_of_nothing(played: list[Step]) -> None:
     assert [event for event in runs.events if event[0] != "mode"] == singles.events
 
 
-def test_a_checker_gets_no_set_point_of_a_series(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[int] = []
+def test_a_checker_that_needs_every_set_point_gets_each_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, list[int]] = {}
 
-    class EveryKindChecker(RuleChecker):
+    class EveryChecker(RuleChecker):
+        needs_every_set_point = True
+
         def wants_call(self, *_: object) -> bool:
             return True
 
         def on_call(self, call: Call, client: object) -> None:
-            seen.append(call.number)
+            seen.setdefault(type(self).__name__, []).append(call.number)
 
-    monkeypatch.setattr("bcapscope.analysis.diagnosis.CHECKERS", (EveryKindChecker,))
+    class OtherChecker(EveryChecker):
+        needs_every_set_point = False
+
+    monkeypatch.setattr("bcapscope.analysis.diagnosis.CHECKERS", (EveryChecker, OtherChecker))
     run_pipeline(driven().script.seen, Diagnosis())
-    assert seen == [1, 2, 22, 28, 29, 34]
+    assert seen["EveryChecker"] == list(range(1, 35))
+    assert seen["OtherChecker"] == [1, 2, 22, 28, 29, 34]

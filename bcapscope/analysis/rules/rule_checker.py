@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place
@@ -99,7 +99,15 @@ class RuleChecker:
     A subclass overrides the methods for the events that it needs. Methods that return problems (`Occurrence`)
     must not change the checker, because bcapscope also calls them while live traffic continues. `by_client`
     holds data about each client until the client is dropped from memory.
+
+    Attributes:
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). If it is False,
+            `on_call` gets no set point of a series (see `AlikeSetPoints`), because a capture can contain
+            millions of set points. If it is True, `on_call` may get many set points of a series before
+            bcapscope updates `client`.
     """
+
+    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -152,9 +160,7 @@ class RuleChecker:
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. The state in `client` does not include this call yet. For speed, no checker
-        gets the accepted set points of a series (see `AlikeSetPoints`).
-        """
+        """Check a completed call. The state in `client` does not include this call yet."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
