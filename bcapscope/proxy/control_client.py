@@ -1,7 +1,5 @@
-"""The client of the control socket, which sends requests to a proxy and reads the responses.
-
-Any program may listen on the proxy's address, so the client limits the size and the time of a response. A
-response contains strings from the wire: escape these strings before you print them.
+"""The client of the control socket. Any program may listen on the proxy's address, so the client limits the
+size and the time of a response. Escape the strings in a response before you print them.
 """
 
 from __future__ import annotations
@@ -21,9 +19,7 @@ ANSWERS_WITHIN = 10.0
 """Maximum time in seconds for a whole response."""
 
 LARGEST_LIST = 16 << 20
-"""Maximum size, in bytes, of a response that lists held messages: enough for a thousand messages of 8,000
-bytes. A response that does not list held messages has at most `LONGEST_LINE` bytes.
-"""
+"""Maximum size, in bytes, of a response that lists held messages: a thousand messages of 8,000 bytes."""
 
 _LONGEST_REASON = 1000
 
@@ -31,9 +27,7 @@ R = TypeVar("R", bound=control.DoneResponse)
 
 
 class ControlRefused(BcapError):
-    """The proxy rejected a request for the reason in the text of the error. `line` is the response
-    in JSON.
-    """
+    """The proxy rejected a request for this reason. `line` is the response in JSON."""
 
     def __init__(self, reason: Message, line: bytes) -> None:
         text = str(reason)
@@ -43,9 +37,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. The first request opens the connection. After a failure, the next
-    request opens a new connection.
-    """
+    """A control connection to a proxy, opened by the first request, and again after a failure."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -66,7 +58,7 @@ class ControlClient:
             raise ControlError(Message("control.other-version", address=self._address)) from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
-        """Do the same as `request`, but return the received response, which is one line of JSON."""
+        """Like `request`, but return the received line of JSON."""
         limit = LARGEST_LIST if isinstance(request, control.ListHeld) else control.LONGEST_LINE
         try:
             line = self._send_and_receive(control.encode_line(request), limit)

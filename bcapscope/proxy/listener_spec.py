@@ -1,6 +1,4 @@
-"""The addresses on which a proxy listens, the controllers to which the proxy forwards traffic, and the
-clients that it accepts.
-"""
+"""The addresses on which a proxy listens, their controllers, and the clients that the proxy accepts."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ _IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class ListenerSpecError(BcapError):
-    """The options of a listener are invalid. The error message says which option or address to correct."""
+    """The options of a listener are invalid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +42,6 @@ class ListenerSpec:
     allow: tuple[Network, ...] = ()
 
     def allows(self, host: str) -> bool:
-        """Return whether a client with this IP address is allowed to connect."""
         if not self.allow:
             return True
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -62,9 +59,6 @@ def parse_listener_specs(
         to: `HOST:PORT` of the controller of each listener, in the order of the listeners.
         transport: Transport for listeners without a prefix: `udp`, `tcp` or `both`.
         allow: Addresses or networks in CIDR notation from which clients may connect.
-
-    Raises:
-        ListenerSpecError: An option is missing, duplicated or invalid.
     """
     if not listen:
         raise ListenerSpecError(Message("listener.none"))

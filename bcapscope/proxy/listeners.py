@@ -17,9 +17,8 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Open the listeners for the transports of `spec`. Return the listeners' common address, and the
-    listeners. Port 0 selects a free port, which is the same for both transports. The listeners accept no
-    clients until the relay opens the listeners.
+    """Return the common address of the listeners of `spec`, and the listeners. Port 0 selects a free port for
+    both transports. The listeners accept no clients until the relay opens them.
 
     Raises:
         ProxyListenError: The proxy cannot listen on the address.
