@@ -68,6 +68,10 @@ class _QueuedOutput:
         self.behind = behind
         self.size = _OUTPUT_COST + (len(output.data) if isinstance(output, SendBytes) else 0)
 
+    @property
+    def conversation(self) -> Conversation | None:
+        return self.output.conversation if self.output else None
+
 
 class FaultInjector:
     """Applies faults to messages. `active_faults` has the faults in the order in which they are applied."""
@@ -96,8 +100,6 @@ class FaultInjector:
         self._half_open: dict[Conversation, Message] = {}
         for fault in faults:
             self.add(fault, now)
-
-    # faults
 
     def add(self, fault: AnyFault, now: int) -> str:
         """Append a fault, and return its name. If another fault has the same name, raise an `InputError`."""
@@ -147,8 +149,6 @@ class FaultInjector:
     def _update_needs_pairing(self) -> None:
         self._needs_pairing = any(active.enabled and active.needs_pairing for active in self.active_faults)
 
-    # messages
-
     def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
         """Apply the faults to a message that has just arrived.
 
@@ -163,9 +163,8 @@ class FaultInjector:
         if not self.active_faults:
             return self._pass_unchanged(flow, data, now, outputs)
         self._message_count += 1
-        message = WireMessage(
-            self._message_count, flow, data, now, now + self._epoch, templates=self._templates
-        )
+        number, time = self._message_count, now + self._epoch
+        message = WireMessage(number, flow, data, now, time, templates=self._templates)
         if self._needs_pairing:
             message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
         self._reply_factory.on_message(flow, data)
@@ -240,11 +239,8 @@ class FaultInjector:
         for direction in Direction:
             self._stream_busy_until.pop((conversation, direction), None)
             self._held_behind.pop((conversation, direction), None)
-        self._queue = [
-            entry
-            for entry in self._queue
-            if entry[2].output and entry[2].output.conversation is not conversation
-        ]
+        waiting = [entry for entry in self._queue if entry[2].output]
+        self._queue = [entry for entry in waiting if entry[2].conversation is not conversation]
         self._rebuild_queue()
 
     def _rebuild_queue(self) -> None:
@@ -306,11 +302,7 @@ class FaultInjector:
         """
         if closing.how is CloseMode.RESET:
             return when
-        held = (
-            due
-            for due, _, each in self._queue
-            if each.output and each.output.conversation is closing.conversation
-        )
+        held = (due for due, _, each in self._queue if each.conversation is closing.conversation)
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:

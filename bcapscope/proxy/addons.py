@@ -179,9 +179,8 @@ class AddonRunner(PipelineSubscriber):
         client, conversation = self._clients[order.client]
         self._messages += 1
         flow = Flow(conversation, Direction.REQUEST if order.up else Direction.RESPONSE)
-        message = WireMessage(
-            self._messages, flow, order.data, order.now, order.time, templates=self._templates
-        )
+        number, templates = self._messages, self._templates
+        message = WireMessage(number, flow, order.data, order.now, order.time, templates=templates)
         message.annotate(self._recent_requests)
         passing = self._run_message_hooks(client, message)
         return self._answer(

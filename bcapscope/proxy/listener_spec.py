@@ -83,9 +83,8 @@ def _check_conflicts(listeners: Sequence[ListenerSpec]) -> None:
             raise ListenerSpecError(Message("listener.loop", address=str(listener.listen)))
         for transport in listener.transports:
             if listener.listen.port and (listener.listen, transport) in taken:
-                raise ListenerSpecError(
-                    Message("listener.twice", address=str(listener.listen), transport=transport.upper())
-                )
+                place = {"address": str(listener.listen), "transport": transport.upper()}
+                raise ListenerSpecError(Message("listener.twice", **place))
             taken.add((listener.listen, transport))
 
 
@@ -117,14 +116,8 @@ def _endpoint(text: str, option: str) -> Endpoint:
         raise ListenerSpecError(Message("listener.no-host-in", option=option, address=text, host=f"{host!r}"))
     port = parse_integer(number, 0, 0xFFFF)
     if port is None:
-        raise ListenerSpecError(
-            Message(
-                "listener.bad-port",
-                option=option,
-                address=shortened(text, 80),
-                port=f"{shortened(number, 40)!r}",
-            )
-        )
+        address, shown = shortened(text, 80), f"{shortened(number, 40)!r}"
+        raise ListenerSpecError(Message("listener.bad-port", option=option, address=address, port=shown))
     return Endpoint(host, port)
 
 

@@ -133,8 +133,6 @@ class Relay(DescriptorWatcher):
             for listener in self._listeners:
                 listener.close()
 
-    # For listeners and sessions.
-
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
         """Count a rejected client. Report only the 1st, 2nd, 4th, 8th client and so on."""
         self.counts[RelayCounter.DENIED] += 1

@@ -79,8 +79,6 @@ class RulePolicy:
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
 
-    # The relay calls the following methods.
-
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         self._clients[client] = self._states[conversation] = {
             each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
@@ -216,8 +214,6 @@ class RulePolicy:
             decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)
             self._apply_script_decisions(decisions, now)
 
-    # The control socket and the screen call the following methods.
-
     def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
         """Yield the states of each client's requests and responses."""
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._clients.values())
@@ -247,8 +243,6 @@ class RulePolicy:
     def drop_held(self, number: int, now: int) -> None:
         """Drop a held message and its retries. If no message with this number is held, raise a `KeyError`."""
         self.intercept.release(number, now, b"")
-
-    # messages
 
     @property
     def _inspects_frames(self) -> bool:

@@ -140,13 +140,11 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames, for hooks, or to refuse motions while scripts are off."""
+        """Whether streams must be split into frames: for hooks, or to refuse motions without scripts."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
-
-    # orders to the scripts
 
     def send_connected(self, client: int, conversation: Conversation, now: int) -> None:
         ends = conversation.client, conversation.server
@@ -178,8 +176,6 @@ class ScriptQueue:
             if not self._process.finish(pack(FinishScripts()), self._is_finished) and self.is_on:
                 self._switch_off(Message("script.slow-end", order=str(self._queue[0])), now)
         self._end_process()
-
-    # answers of the scripts
 
     def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision]:
         """Handle bytes that arrived from the scripts' process. Yield the decisions in these bytes."""
@@ -237,8 +233,6 @@ class ScriptQueue:
             else:
                 self._switch_off(self._slow_reason(now), now)
                 yield from self._flush_undecided()
-
-    # queries of the policy
 
     def holds(self, flow: Flow) -> bool:
         return any(each.undecided is not None and each.undecided.state.flow is flow for each in self._queue)

@@ -58,15 +58,8 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        raise ProxyListenError(
-            Message(
-                "listen.failed",
-                host=endpoint.host,
-                transport=transport.upper(),
-                port=endpoint.port,
-                reason=os_reason(error),
-            )
-        ) from None
+        place = {"host": endpoint.host, "port": endpoint.port, "transport": transport.upper()}
+        raise ProxyListenError(Message("listen.failed", reason=os_reason(error), **place)) from None
     return sock
 
 
@@ -82,8 +75,9 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
+        reason = os_reason(error)
         raise UnreachableError(
-            Message("controller.unreachable", address=str(endpoint), reason=os_reason(error))
+            Message("controller.unreachable", address=str(endpoint), reason=reason)
         ) from None
     return family, address
 

@@ -90,7 +90,7 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Find or create the session of a client that is not in `sessions` yet; None for a rejected client."""
+        """Find or create the session of a client that is not in `sessions` yet; None if rejected."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -106,13 +106,8 @@ class UdpListener(ClientListener):
         relay.counts[RelayCounter.DENIED] += 1
         if address[0] not in self._strangers and len(self._strangers) < _MAX_STRANGERS:
             self._strangers.add(address[0])
-            relay.notify(
-                Message(
-                    "client.denied.datagrams",
-                    client=str(endpoint_of(address)),
-                    reason=Message("client.not-allowed"),
-                )
-            )
+            client, reason = str(endpoint_of(address)), Message("client.not-allowed")
+            relay.notify(Message("client.denied.datagrams", client=client, reason=reason))
 
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
         relay = self.relay
@@ -134,14 +129,8 @@ class UdpListener(ClientListener):
     def _notify_unreachable(self, address: SocketAddress, error: OSError) -> None:
         self._unreachable_count += 1
         if should_report(self._unreachable_count):
-            self.relay.notify(
-                Message(
-                    "client.no-controller",
-                    client=str(endpoint_of(address)),
-                    controller=str(self.to),
-                    reason=os_reason(error),
-                )
-            )
+            ends = {"client": str(endpoint_of(address)), "controller": str(self.to)}
+            self.relay.notify(Message("client.no-controller", reason=os_reason(error), **ends))
 
     def _count_drops(self) -> None:
         dropped = dropped_datagrams(self.socket)
