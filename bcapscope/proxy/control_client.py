@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import socket
 import time
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
@@ -54,8 +54,7 @@ class ControlClient:
         try:
             return control.decode_response(line, kind)
         except ValueError as error:
-            self.close()
-            raise ControlError(Message("control.other-version", address=self._address)) from error
+            raise self._close_with_error("control.other-version") from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
         """Like `request`, but return the received line of JSON."""
@@ -63,20 +62,15 @@ class ControlClient:
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except (OSError, ValueError) as error:
-            self.close()
-            raise ControlError(self._failure_reason(error)) from error
+        except ConnectionError as error:  # after connecting: a failure to connect raises `ControlError`
+            raise self._close_with_error("control.ended") from error
+        except OSError as error:
+            raise self._close_with_error("control.failed", reason=os_reason(error)) from error
+        except ValueError as error:
+            raise self._close_with_error("control.not-a-proxy") from error
         if not head.ok:
             raise ControlRefused(head.reason, line)
         return line
-
-    def _failure_reason(self, error: OSError | ValueError) -> Message:
-        # the proxy ended during the request; a failure to connect would raise `ControlError`
-        if isinstance(error, ConnectionError):
-            return Message("control.ended", address=self._address)
-        if isinstance(error, OSError):
-            return Message("control.failed", address=self._address, reason=os_reason(error))
-        return Message("control.not-a-proxy", address=self._address)
 
     def close(self) -> None:
         if self._socket is not None:
@@ -97,10 +91,12 @@ class ControlClient:
             self._socket.settimeout(left)
             data = self._socket.recv(1 << 16)
             if not data:
-                self.close()
-                raise ControlError(Message("control.ended-early", address=self._address))
+                raise self._close_with_error("control.ended-early")
             response += data
             if len(response) > limit:
-                self.close()
-                raise ControlError(Message("control.too-long", address=self._address, size=limit >> 20))
+                raise self._close_with_error("control.too-long", size=limit >> 20)
         return bytes(response)
+
+    def _close_with_error(self, case: str, **places: Any) -> ControlError:
+        self.close()
+        return ControlError(Message(case, address=self._address, **places))

@@ -140,7 +140,19 @@ class Intercept:
             return None
         if self.is_full:
             return Message("held.full", count=len(self._held)), message.data
-        return Message("held.as", number=self._hold(client, message, subject)), None
+        self.held_so_far += 1
+        self._held[self.held_so_far] = HeldMessage(
+            self.held_so_far,
+            client,
+            message.flow,
+            message.data,
+            message.call_kind,
+            message.now,
+            message.now + self.hold_time,
+            message.now,
+            subject=subject,
+        )
+        return Message("held.as", number=self.held_so_far), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
         """Stop holding a message and return it. For its retries, `data` replaces the message; None leaves it
@@ -222,19 +234,3 @@ class Intercept:
             return True
         items = (each.observation.item for each in message.annotated_frames)
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
-
-    def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
-        self.held_so_far += 1
-        held = HeldMessage(
-            self.held_so_far,
-            client,
-            message.flow,
-            message.data,
-            message.call_kind,
-            message.now,
-            message.now + self.hold_time,
-            message.now,
-            subject=subject,
-        )
-        self._held[held.number] = held
-        return held.number

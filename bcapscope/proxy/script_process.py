@@ -56,6 +56,9 @@ _START = (
 class ScriptProcess:
     """A process that runs the user's scripts, and the proxy's connection to it."""
 
+    _rules: RulePolicy
+    _relay: DescriptorWatcher
+
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
         """Start the process. If the system cannot start the process, raise a `ScriptError`."""
         self.names = ", ".join(Path(path).name for path in paths)
@@ -64,8 +67,6 @@ class ScriptProcess:
         self._loads_until = time.monotonic() + LOADS_WITHIN
         self._backlog = bytearray()
         self._waits_to_write = False
-        self._rules: RulePolicy | None = None
-        self._relay: DescriptorWatcher | None = None
         self._watcher: DescriptorWatcher | None = None
         self._traces: int | None = None
         try:
@@ -129,9 +130,7 @@ class ScriptProcess:
         except WireError as error:
             reason = Message("script.named-invalid", names=self.names, reason=error.message)
             raise ScriptError(reason) from None
-        assert self._rules is not None
         assert self._rules.scripts is not None
-        assert self._relay is not None
         self._rules.scripts.on_loaded(statement.hooks)
         self._watcher = self._relay
         self._relay.watch(self._socket.fileno(), self._on_ready)
@@ -213,7 +212,6 @@ class ScriptProcess:
         if happened & ~WRITE:
             data = self.receive()
             now = time.monotonic_ns()
-            assert self._rules is not None
             if data == b"":
                 self._unwatch()
             if data is not None:
