@@ -58,8 +58,9 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        place = {"host": endpoint.host, "port": endpoint.port, "transport": transport.upper()}
-        raise ProxyListenError(Message("listen.failed", reason=os_reason(error), **place)) from None
+        (host, port), word, reason = endpoint, transport.upper(), os_reason(error)
+        message = Message("listen.failed", host=host, transport=word, port=port, reason=reason)
+        raise ProxyListenError(message) from None
     return sock
 
 
@@ -75,10 +76,8 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        reason = os_reason(error)
-        raise UnreachableError(
-            Message("controller.unreachable", address=str(endpoint), reason=reason)
-        ) from None
+        message = Message("controller.unreachable", address=str(endpoint), reason=os_reason(error))
+        raise UnreachableError(message) from None
     return family, address
 
 
