@@ -45,7 +45,9 @@ class ReplyFactory:
             return
         asked = self._last_requests.get(conversation)
         if asked and asked[0] == numbers[0] and numbers[1] in (0, asked[1]):
-            self._reply_reserved[conversation] = ReplyReserved.ECHOED if numbers[1] else ReplyReserved.ZERO
+            found = ReplyReserved.ECHOED if numbers[1] else ReplyReserved.ZERO
+            if self._reply_reserved.get(conversation) is not found:
+                self._reply_reserved[conversation] = found
 
     def make_reply(self, conversation: Conversation, request: Frame, code: int) -> bytes:
         echoes = self._reply_reserved.get(conversation) is ReplyReserved.ECHOED
