@@ -90,10 +90,8 @@ def read_document(text: str, kind: type[T]) -> T:
 
 
 def convert_data(data: object, kind: Any) -> Any:
-    """Convert plain data from JSON or YAML into a struct, and validate every field.
-
-    Raises:
-        DocumentError: The data does not match `kind`. The attribute `line` of the error is 0.
+    """Convert plain data from JSON or YAML into a struct. If the data does not match `kind`, raise a
+    `DocumentError` with the line 0.
     """
     try:
         return msgspec.convert(data, kind, dec_hook=_read_quantity)

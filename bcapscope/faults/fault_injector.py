@@ -77,11 +77,8 @@ class FaultInjector:
     """Applies faults to messages. `active_faults` has the faults in the order in which they are applied."""
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
-        """Set up the faults. If two of them have the same name, raise an `InputError`.
-
-        Args:
-            now: Current time in ns, on the clock that all methods use.
-            epoch: Number of ns to add to `now` to get ns since 1970-01-01 UTC, for filters.
+        """Set up the faults. If two of them have the same name, raise an `InputError`. `now` is in ns of a
+        monotonic clock, for all methods. `now` plus `epoch` is in ns since 1970-01-01 UTC, for filters.
         """
         self.active_faults: list[ActiveFault] = []
         self._seed = seed
@@ -150,12 +147,8 @@ class FaultInjector:
         self._needs_pairing = any(active.enabled and active.needs_pairing for active in self.active_faults)
 
     def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
-        """Apply the faults to a message that has just arrived.
-
-        Args:
-            flow: Conversation and direction. All messages of a direction must have the same `Flow` object.
-            data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
-            now: Current time in ns, never earlier than the `now` of the previous call.
+        """Apply the faults to a datagram, to a frame of a stream, or to bytes of a stream that are not a
+        frame. All messages of a direction must have the same `Flow` object.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:

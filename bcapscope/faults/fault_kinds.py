@@ -1,8 +1,4 @@
-"""The classes of the faults. A fault is an immutable object; its method `apply` changes a message.
-
-`draw` takes random numbers from the fault's own generator, for every message that the fault might hit.
-Therefore, other faults for the same messages do not change the random numbers of this fault.
-"""
+"""The classes of the faults."""
 
 from __future__ import annotations
 

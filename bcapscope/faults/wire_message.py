@@ -131,8 +131,6 @@ class FaultedMessage:
     """A message, and the effects of faults on the message so far. Times are in ns.
 
     Attributes:
-        delay: Sum of all delays.
-        is_lost: True if the message is not forwarded.
         is_final: True if the injector must not apply further faults to the message.
         copy_delays: Delay of each copy, counted from the sending of the message.
         held_behind: For a reordered message: how many later messages to send first, and the maximum wait.

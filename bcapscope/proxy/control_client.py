@@ -44,11 +44,8 @@ class ControlClient:
         self._socket: socket.socket | None = None
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R:
-        """Send a request and return the response as an object of type `kind`.
-
-        Raises:
-            ControlError: No program listens on the address, or the program is not a proxy of this version.
-            ControlRefused: The proxy rejected the request.
+        """Send a request and return the response. Raise a `ControlError` if no proxy of this version listens
+        on the address, or `ControlRefused` if the proxy rejected the request.
         """
         line = self.request_raw(request)
         try:

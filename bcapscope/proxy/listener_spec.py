@@ -27,13 +27,8 @@ class ListenerSpecError(BcapError):
 
 @dataclass(frozen=True, slots=True)
 class ListenerSpec:
-    """Address on which the proxy listens for the clients of one controller.
-
-    Attributes:
-        listen: IP address and port of this machine; port 0 selects a free port.
-        to: Address or name of the controller, and its port.
-        transports: Transports for which the proxy listens.
-        allow: Networks from which clients may connect; () for all networks.
+    """The proxy listens at `listen`, where port 0 selects a free port, for the clients of the controller
+    `to`, and accepts clients from the networks `allow`; () for all networks.
     """
 
     listen: Endpoint

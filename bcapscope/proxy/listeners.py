@@ -18,11 +18,8 @@ def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
     """Return the common address of the listeners of `spec`, and the listeners. Port 0 selects a free port for
-    both transports. The listeners accept no clients until the relay opens them.
-
-    Raises:
-        ProxyListenError: The proxy cannot listen on the address.
-        UnreachableError: The name of the controller cannot be resolved.
+    both transports. The listeners accept no clients until the relay opens them. Raise the errors of
+    `listen_on` and `resolve`.
     """
     for last in range(_TRIES - 1, -1, -1):
         listeners: list[TcpListener | UdpListener] = []

@@ -37,7 +37,6 @@ class PolicyDecision(msgspec.Struct, eq=False):
     """Decision about data that the relay has received.
 
     Attributes:
-        actions: Actions to do immediately, in order.
         notes: What proxy rules did, such as "loss=5%: dropped"; empty if no rule changed the data.
         waiting: Number of messages in the data that wait for the scripts. When `waiting` falls to 0,
             `RulePolicy.pop_due_actions` returns this `PolicyDecision` again, with new actions.

@@ -48,9 +48,8 @@ class Relay(DescriptorWatcher):
 
     Attributes:
         counts: Counters in the ring, indexed by `RelayCounter`.
-        policy: The proxy's rules, which decide about each message; None without rules.
         sessions: Open sessions by client number.
-        buffer: Receive buffer for all streams, which one thread reads.
+        buffer: Receive buffer for all streams.
         now: Time of a monotonic clock in ns, updated about every `POLL_INTERVAL`.
     """
 

@@ -30,12 +30,8 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """Forwards data between one client and the controller.
-
-    Attributes:
-        number: Number of the client; no other client gets this number.
-        conversation: Conversation between the client and the controller, as if there were no proxy.
-        last_heard: Value of `Relay.now` when the client last sent something.
+    """Forwards data between one client and the controller. `conversation` is theirs, as if there were no
+    proxy. `last_heard` is the value of `Relay.now` when the client last sent something.
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:

@@ -31,14 +31,9 @@ _READ = 1 << 16
 def main(
     descriptor: int | None, traces: int | None, parent: int, paths: Sequence[str], megabytes: int
 ) -> None:
-    """Run scripts until the proxy ends.
-
-    Args:
-        descriptor: File descriptor of the socket to the proxy; None on Windows, where the process reads a
-            description of the socket from standard input.
-        traces: File descriptor to which the process writes its current script line on SIGUSR1, if possible.
-        parent: Process id of the proxy.
-        megabytes: Maximum memory that the process may allocate.
+    """Run scripts until the proxy with the process id `parent` ends. `descriptor` is the socket to the proxy;
+    None on Windows, where standard input describes the socket. On SIGUSR1, the process writes its current
+    script line to the file descriptor `traces`, if possible.
     """
     proxy = _shared_socket() if descriptor is None else socket.socket(fileno=descriptor)
     try:

@@ -48,11 +48,8 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """Passes a message to the scripts: a datagram, a frame of a stream, or bytes that are not a frame.
-
-    Attributes:
-        up: True if the message goes to the controller, False if it goes to the client.
-        now: Time of receipt in ns of the relay's clock; `time` is in ns since 1970.
+    """Passes a datagram, a frame of a stream, or bytes that are not a frame to the scripts. It goes `up` to
+    the controller, or to the client. `now` is in ns of the relay's clock, `time` in ns since 1970.
     """
 
     client: int
@@ -110,9 +107,8 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
     Attributes:
         errors: Number of errors in the scripts since the start.
-        has_open_calls: True if calls are open, so that the proxy must send `ExpireCalls` regularly.
+        has_open_calls: True if the proxy must send `ExpireCalls` regularly.
         data: Bytes that replace the message; None if the message is unchanged.
-        dropped: True if the proxy must not forward the message.
         results: Result codes that the proxy sends to the client instead of the controller's reply.
     """
 

@@ -100,11 +100,7 @@ ScriptDecision: TypeAlias = tuple[UndecidedMessage, ScriptAnswer | None]
 class ScriptQueue:
     """Passes messages to the scripts, in order, and returns their decisions. The queue switches the scripts
     off if they exceed the time limit for a message, or if their process ends or sends invalid data.
-
-    Attributes:
-        off_because: Reason why the scripts are off; None while they are on.
-        errors: Number of errors in the scripts so far.
-        notify: Function that gets each message for the user.
+    `off_because` is the reason. `notify` gets each message for the user.
     """
 
     def __init__(self, names: str, process: ScriptProcess, limit: int = TIME_LIMIT_NS) -> None:

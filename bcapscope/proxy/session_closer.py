@@ -30,11 +30,8 @@ _TAKE, _GIVE = "takearm", "givearm"
 
 
 class CloseSequence(NamedTuple):
-    """Requests that close a session that its client left open.
-
-    Attributes:
-        open_state: What the client left open besides handles: slave mode, the arm or both; None for neither.
-        requests: Frames to send in this order, each after the reply to the previous frame.
+    """Frames that close a session that its client left open, each sent after the reply to the previous one.
+    `open_state` is what the client left open besides handles: slave mode, the arm or both.
     """
 
     conversation: Conversation

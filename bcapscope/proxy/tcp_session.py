@@ -50,12 +50,8 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 
 @dataclass(eq=False, slots=True)
 class _HalfConnection:
-    """One direction of a connection: bytes from the socket `source` to the socket `sink`.
-
-    Attributes:
-        pending: Bytes that the session could not write to the sink yet.
-        sink_shut: True after the session has forwarded the end to the sink.
-        mask: Events of the source for which the relay waits; None if the relay does not watch the source.
+    """One direction of a connection: bytes from the socket `source` to the socket `sink`, which accepts the
+    `pending` bytes later. `mask` has the events of the source; None if the relay does not watch the source.
     """
 
     up: bool

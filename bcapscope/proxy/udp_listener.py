@@ -51,11 +51,8 @@ _MAX_STRANGERS = 256
 
 
 class UdpListener(ClientListener):
-    """A UDP socket to which clients send their requests.
-
-    Attributes:
-        refused: Whether the controller refuses datagrams, as far as it has sent none since.
-        sessions: Sessions of the clients that have sent more than one datagram, by client address.
+    """A UDP socket to which clients send their requests. `sessions` are those of the clients that have sent
+    more than one datagram, by client address. `refused` is True while the controller refuses datagrams.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
