@@ -59,8 +59,8 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""A hook that takes longer than this time in ns counts as slow. It is the time within which the controller
-must answer a set point.
+"""A hook that takes longer than this time in ns counts as slow. The controller must answer a set point within
+2 ms (DENSO Wave 2009, How to use the Slave mode).
 """
 
 

@@ -108,7 +108,7 @@ class ClientSlots:
         return _evict(next(iter(self._reserved.values()), None))
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict one client, if `source` is not None one of this network. Return False if there is none."""
+        """Evict one client, of the network `source` if it is not None. Return False if there is none."""
         return _evict(self._oldest_replaceable(source, now) or self._longest_idle(source, now))
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:

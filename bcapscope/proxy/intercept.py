@@ -167,8 +167,8 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Release and return the messages that were held for the maximum time. Drop the retries of those that
-        their client has given up.
+        """Release and return the messages that were held for the maximum time. Drop the retries of those
+        whose client no longer waits.
         """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")

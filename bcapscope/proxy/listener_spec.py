@@ -46,7 +46,7 @@ class ListenerSpec:
 def parse_listener_specs(
     listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
 ) -> tuple[ListenerSpec, ...]:
-    """Make one `ListenerSpec` per listener from the options of the command line.
+    """Make one `ListenerSpec` per listener from the command line, or raise a `ListenerSpecError`.
 
     Args:
         listen: `HOST:PORT` of each listener, `[HOST]:PORT` for IPv6. The prefix `udp:` or `tcp:` selects a

@@ -65,7 +65,7 @@ class RelaySession(ABC):
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that the rules release, then close the session, a stream with `reset`."""
+        """Send the held messages that the rules release, then close the session; `reset` resets a stream."""
 
 
 class ClientListener(ABC):

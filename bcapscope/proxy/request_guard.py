@@ -167,8 +167,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A plain frame has its number of arguments where a compressed frame has a zlib header: at least 376 (78
-    01). A compressed frame is unambiguous if that would be too many arguments for its length.
+    A plain frame has its number of arguments where a compressed frame has a zlib header, which reads as 376
+    or more. A compressed frame is unambiguous if that would be too many arguments for its length.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -169,7 +169,7 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Fields: whether the datagram goes to the controller, client, ancillary data, time of sending, bytes."""
+"""Fields: whether it goes to the controller, client, ancillary data, time of sending in ns or 0, bytes."""
 
 
 class RingWriter(_Ring):
@@ -276,7 +276,7 @@ class RingWriter(_Ring):
 
     def _write_holes(self, client: int, size: int) -> bool:
         """Write the `HOLE` records of a client. If the ring lacks room for these records and the next record,
-        with `size` bytes of data and note, write nothing and return False: long holes are better than many.
+        with `size` bytes of data and note, write nothing and return False: one long hole is better than many.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:

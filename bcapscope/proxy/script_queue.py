@@ -36,8 +36,8 @@ TIME_LIMIT_NS = 100_000_000
 """Default time in ns that the scripts may take for one message."""
 
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
-"""Shortest and longest time limit that a user may set, in ns. Waking the scripts' process takes less than 1
-ms. After more than 10 s, a held motion would be dangerous: it could start long after the client has given up.
+"""Shortest and longest time limit that a user may set, in ns. Waking the scripts' process takes less than
+1 ms. After more than 10 s, a held motion would be dangerous: its client may have given up long before.
 """
 
 LONGEST_WAIT = 1_000_000_000

@@ -58,8 +58,10 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        (host, port), word, reason = endpoint, transport.upper(), os_reason(error)
-        message = Message("listen.failed", host=host, transport=word, port=port, reason=reason)
+        word, reason = transport.upper(), os_reason(error)
+        message = Message(
+            "listen.failed", host=endpoint.host, port=endpoint.port, transport=word, reason=reason
+        )
         raise ProxyListenError(message) from None
     return sock
 

@@ -326,9 +326,7 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the FIN of a direction after its last bytes. Close the session if both directions have
-        ended.
-        """
+        """Forward the FIN of a direction after its last bytes. After both FINs, close the session."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True

@@ -166,7 +166,7 @@ class UdpSession(RelaySession):
         return sent_at
 
     def forward(self, up: bool, data: bytes) -> int:
-        """Like `send`, but without counting."""
+        """Like `send`, but do not count the datagram. Return 0 if the system refused to send it."""
         sent_at = time.time_ns()
         try:
             if up:
