@@ -29,6 +29,7 @@ from bcapscope.protocol.codec.variant import Value, Variant, vt_name
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call_kind import call_kind_of
 from bcapscope.traffic.observation import Conversation, Transport
 
@@ -147,7 +148,7 @@ class ActionLog:
         self._on_error = on_error
         self._files = LogFiles(folder)
         self._lock = threading.Lock()
-        self._logged_requests: dict[tuple[LoggedConnection, int], str] = {}
+        self._logged_requests: BoundedDict[tuple[LoggedConnection, int], str] = BoundedDict(MAX_WAITING)
         self._lines: queue.Queue[tuple[bytes, threading.Event] | None] = queue.Queue(MAX_WAITING)
         self._thread: threading.Thread | None = None
         self._broken = self._stuck = False
@@ -170,8 +171,6 @@ class ActionLog:
             if not is_logged:
                 return
             self._logged_requests[key] = name
-            if len(self._logged_requests) > MAX_WAITING:
-                del self._logged_requests[next(iter(self._logged_requests))]
         fields = {
             "who": who,
             "serial": item.serial,

@@ -1,5 +1,1 @@
-"""Describes faults as data, and applies faults to messages with seeded random numbers.
-
-The proxy and the simulator share this package. `fault_kinds` defines the faults, `document` and
-`fault_notation` read faults, and `fault_injector` applies faults.
-"""
+"""Faults as data, and their application to the messages of the proxy and the simulator."""

@@ -12,23 +12,14 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_ATTEMPTS = 16
-"""Largest attempt number that bcapscope infers from serials. The limit is twice the number of attempts that
-clients make for one call.
-"""
+"""Largest attempt number that bcapscope infers from serials: twice what clients make per call."""
 
-
-# The counter replaces request contents of more than this many bytes with a hash.
-_LONGEST_KEPT = 512
+_LONGEST_KEPT = 512  # bytes; a hash replaces longer request contents
 
 
 @dataclass(eq=False, slots=True)
 class AttemptedCall:
-    """A call. Two `AttemptedCall` objects are equal only if they are the same object.
-
-    Attributes:
-        content: Bytes of the request from the function id to the end; equal in all attempts. A hash replaces
-            content of more than 512 bytes.
-    """
+    """A call. `content` is the request from the function id to the end, or a hash of it if it is long."""
 
     content: bytes
     attempts: int
@@ -55,8 +46,8 @@ class AttemptCounter:
         self._conversations: dict[Conversation, _AttemptsBySerial] = {}
 
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
-        """Do the same as `add_frame`, but return only the number of the attempt. On TCP, every request is a
-        first attempt, because clients do not retry on TCP.
+        """Like `add_frame`, but return only the number of the attempt: always 1 on TCP, where clients do not
+        retry.
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
@@ -64,20 +55,21 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation. Return the attempt to which the frame belongs.
-        Return None for a reply to a request that the counter does not know.
+        """Add the next frame of a UDP conversation. Return the attempt to which the frame belongs; None for a
+        reply to an unknown request.
         """
+        # not a `BoundedDict`, whose assignment takes 200 ns longer
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:
             del self._conversations[next(iter(self._conversations))]
         self._conversations[flow.conversation] = serials
-        return (
-            serials.get(frame.serial) if flow.direction is Direction.RESPONSE else serials.add_request(frame)
-        )
+        if flow.direction is Direction.RESPONSE:
+            return serials.get(frame.serial)
+        return serials.add_request(frame)
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
-        """Return the call of an earlier attempt with the same serial and content as `request`, if any.
-        Unlike `add_frame`, `find_same_request` does not count `request` as an attempt.
+        """Return the call of an earlier attempt with the same serial and content as `request`, if any. Do not
+        count `request` as an attempt.
         """
         serials = self._conversations.get(flow.conversation)
         known = serials.get(request.serial) if serials else None

@@ -1,16 +1,11 @@
-"""Reads faults from YAML. Rule files and scenarios write faults in the same notation.
-
-A `msgspec.Struct` describes the permitted fields of a document. If a document may contain faults, its struct
-has a field ``faults: tuple[AnyFault, ...]``. If a document is invalid, the error names the line and the
-field.
-"""
+"""Reads YAML documents, such as rule files and scenarios, into the structs that describe their fields."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Iterable
 from enum import Enum
-from typing import Any, TypeAlias, TypeVar, get_args, get_type_hints
+from typing import Any, TypeAlias, TypeVar, cast, get_args, get_type_hints
 
 import msgspec
 import yaml
@@ -31,9 +26,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document. Documents that people write have at most ten thousand
-characters.
-"""
+"""Maximum number of characters of a document; people write at most ten thousand."""
 
 T = TypeVar("T")
 
@@ -47,12 +40,11 @@ _NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 class DocumentError(InputError):
-    """A document is invalid; `message` contains line, field and reason.
+    """A document is invalid; `message` contains line, field and `reason`.
 
     Attributes:
         path: Path from the top of the document to the error, as names and indexes.
         line: Line of the error, counted from 1; 0 if the data did not come from a text.
-        reason: Reason of the error, without line and field.
     """
 
     def __init__(self, path: tuple[str | int, ...], line: int, reason: Message) -> None:
@@ -69,10 +61,8 @@ class DocumentError(InputError):
 
 
 class FieldError(InputError):
-    """A field of a struct contradicts other fields. The error names the field that the user must change.
-
-    Attributes:
-        path: Path from the struct to the field, as names and indexes.
+    """A field of a struct contradicts other fields. `path` leads from the struct to the field that the user
+    must change, as names and indexes.
     """
 
     def __init__(self, path: tuple[str | int, ...], reason: Message) -> None:
@@ -81,8 +71,6 @@ class FieldError(InputError):
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of a rule file: faults in the order in which they are applied."""
-
     faults: tuple[AnyFault, ...]
 
 
@@ -96,17 +84,14 @@ def read_document(text: str, kind: type[T]) -> T:
     """
     root, data = _parse(text)
     try:
-        found: T = convert_data(data, kind)
+        return cast(T, convert_data(data, kind))
     except DocumentError as error:
         raise DocumentError(error.path, _line(root, error), error.reason) from error.__cause__
-    return found
 
 
 def convert_data(data: object, kind: Any) -> Any:
-    """Convert plain data from JSON or YAML into a struct, and validate every field.
-
-    Raises:
-        DocumentError: The data does not match `kind`. The attribute `line` of the error is 0.
+    """Convert plain data from JSON or YAML into a struct. If the data does not match `kind`, raise a
+    `DocumentError` with the line 0.
     """
     try:
         return msgspec.convert(data, kind, dec_hook=_read_quantity)
@@ -118,8 +103,7 @@ def convert_data(data: object, kind: Any) -> Any:
 
 def fault_from(data: object) -> AnyFault:
     """Convert plain data into a fault. Raise errors like `convert_data`."""
-    found: AnyFault = convert_data(data, AnyFault)
-    return found
+    return cast(AnyFault, convert_data(data, AnyFault))
 
 
 def to_plain_data(value: object) -> Any:
@@ -152,18 +136,14 @@ class _Loader(SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _check_events(text: str) -> None:
-    """Reject deep nesting and aliases before YAML builds objects."""
-    for event in yaml_events(text):
-        if isinstance(event, yaml.AliasEvent):
-            raise YamlError(Message("yaml.anchors"), event.start_mark)
-
-
 def _parse(text: str) -> tuple[yaml.Node | None, object]:
     if len(text) > LONGEST_DOCUMENT:
         raise DocumentError((), 0, Message("input.too-long", limit=LONGEST_DOCUMENT))
     try:
-        _check_events(text)
+        # reject deep nesting and aliases before YAML builds objects
+        for event in yaml_events(text):
+            if isinstance(event, yaml.AliasEvent):
+                raise YamlError(Message("yaml.anchors"), event.start_mark)
         loader = _Loader(text)
         root = loader.get_single_node()
         return root, None if root is None else loader.construct_document(root)
@@ -231,8 +211,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return two lists about the field at `path`: the structs that may contain the field, and the field's
-    types. For a field that holds an object, the list of structs has only the structs that fit the object.
+    """Return the structs that may contain the field at `path`, or that fit it if it holds an object, and the
+    field's types.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)
@@ -252,9 +232,7 @@ def _parts(hint: Any) -> list[type]:
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the data's field ``action`` selects; return all structs if the data has no such
-    field.
-    """
+    """Return the struct that the data's field ``action`` selects; all structs without such a field."""
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
     return [each for each in structs if each.__struct_config__.tag == action] or structs

@@ -1,18 +1,11 @@
 """Applies faults to each message, with seeded random numbers. This module uses no socket and no clock.
 
-    injector = FaultInjector(faults, seed=7, now=now)
-    result = injector.process_message(flow, data, now)  # then send or close what result.outputs lists
-    injector.due()                                       # latest time for the next advance, or None
-    injector.advance(now)                                # outputs that are due
-
 With the same seed, the same messages at the same times get the same faults. The random numbers of a fault
-depend only on the seed and on the fault's name. Each fault decides at random about every message that matches
-its conditions, even about messages that other faults drop. If you add a fault, the other faults therefore
-still make the same random decisions.
+depend only on the seed and on the fault's name. Each fault draws for every message that matches its
+conditions, even if another fault drops the message, so an added fault does not change the others' decisions.
 
-Faults are applied in the order of the list. A fault gets each message with the changes that earlier faults
-made. If a fault drops or answers a message, or if the fault's action is `pass`, the message does not reach
-later faults.
+Each fault gets the messages with the changes that earlier faults made, unless one of them dropped or answered
+the message, or has the action `pass`.
 """
 
 from __future__ import annotations
@@ -42,19 +35,16 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum total size in bytes of the messages that faults hold. The total includes `_OUTPUT_COST` additional
-bytes for each message. The limit corresponds to about one second of traffic at 100 Mbit/s. Beyond the limit,
-faults drop datagrams instead of holding them, like tc-netem(8) with a full queue.
+"""Maximum total size in bytes of the messages that faults hold: about one second of traffic at 100 Mbit/s.
+Beyond the limit, faults drop datagrams instead of holding them, like tc-netem(8) with a full queue.
 """
 
-_OUTPUT_COST = 300
+_OUTPUT_COST = 300  # bytes that each held message adds to its size
 
 _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
 
 class ActiveFault(FaultMatcher):
-    """A fault that the injector applies, and the data that the fault keeps between messages."""
-
     fault: AnyFault
 
     def __init__(self, fault: AnyFault, name: str, seed: int, now: int) -> None:
@@ -66,9 +56,9 @@ class _QueuedOutput:
     """A `FaultOutput` in the queue of the `FaultInjector`.
 
     Attributes:
-        output: The `FaultOutput`; None after the `FaultOutput` has moved to another `_QueuedOutput`.
-        behind: How many more messages of the same flow must be sent before the `FaultOutput`.
-        size: Number of bytes that the `FaultOutput` adds to the total for `MAX_WAITING`.
+        output: The `FaultOutput`; None after it has moved to another `_QueuedOutput`.
+        behind: How many more messages of the same flow must be sent before it.
+        size: Number of bytes that it adds to the total for `MAX_WAITING`.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -78,21 +68,17 @@ class _QueuedOutput:
         self.behind = behind
         self.size = _OUTPUT_COST + (len(output.data) if isinstance(output, SendBytes) else 0)
 
+    @property
+    def conversation(self) -> Conversation | None:
+        return self.output.conversation if self.output else None
+
 
 class FaultInjector:
     """Applies faults to messages. `active_faults` has the faults in the order in which they are applied."""
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
-        """Set up the faults.
-
-        Args:
-            faults: Faults in the order in which they are applied.
-            now: Current time in ns, on the clock that all methods use. The time in the field `after` of each
-                fault is counted from `now`.
-            epoch: Number of ns to add to `now` to get ns since 1970-01-01 UTC, for filters.
-
-        Raises:
-            InputError: Two faults have the same name.
+        """Set up the faults. If two of them have the same name, raise an `InputError`. `now` is in ns of a
+        monotonic clock, for all methods. `now` plus `epoch` is in ns since 1970-01-01 UTC, for filters.
         """
         self.active_faults: list[ActiveFault] = []
         self._seed = seed
@@ -112,8 +98,6 @@ class FaultInjector:
         for fault in faults:
             self.add(fault, now)
 
-    # faults
-
     def add(self, fault: AnyFault, now: int) -> str:
         """Append a fault, and return its name. If another fault has the same name, raise an `InputError`."""
         names = {active.name for active in self.active_faults}
@@ -125,8 +109,8 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Remove a fault. Messages that the fault has already delayed are still sent at their planned time.
-        If no fault has this name, raise a `KeyError`.
+        """Remove a fault, but still send the messages that it has delayed at their planned time. If no fault
+        has this name, raise a `KeyError`.
         """
         self.active_faults.remove(self.find(name))
         self._update_needs_pairing()
@@ -148,9 +132,7 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return True if the injector forwards every message immediately and unchanged. The proxy need not
-        pass messages to an idle injector.
-        """
+        """Return True if the injector need not see messages, because it would forward them unchanged."""
         return (
             not self._queue
             and not self._half_open
@@ -158,23 +140,15 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Return whether TCP streams must be split into frames. If this method returns False,
-        `process_message` accepts stream data of any length.
-        """
+        """Return whether `process_message` must get the single frames of TCP streams."""
         return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
     def _update_needs_pairing(self) -> None:
         self._needs_pairing = any(active.enabled and active.needs_pairing for active in self.active_faults)
 
-    # messages
-
     def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
-        """Apply the faults to a message that has just arrived.
-
-        Args:
-            flow: Conversation and direction. All messages of a direction must have the same `Flow` object.
-            data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
-            now: Current time in ns, never earlier than the `now` of the previous call.
+        """Apply the faults to a datagram, to a frame of a stream, or to bytes of a stream that are not a
+        frame. All messages of a direction must have the same `Flow` object.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
@@ -182,9 +156,8 @@ class FaultInjector:
         if not self.active_faults:
             return self._pass_unchanged(flow, data, now, outputs)
         self._message_count += 1
-        message = WireMessage(
-            self._message_count, flow, data, now, now + self._epoch, templates=self._templates
-        )
+        number, time = self._message_count, now + self._epoch
+        message = WireMessage(number, flow, data, now, time, templates=self._templates)
         if self._needs_pairing:
             message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
         self._reply_factory.on_message(flow, data)
@@ -201,14 +174,12 @@ class FaultInjector:
         return FaultResult(outputs + self.advance(now), touched)
 
     def due(self) -> int | None:
-        """Return the time in ns at which the next held output must be sent; None if nothing is held."""
+        """Return the time in ns at which to call `advance`; None if nothing is held."""
         return self._queue[0][0] if self._queue else None
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold more than `MAX_WAITING` bytes. While `is_full` is True, the proxy should not
-        read from TCP streams.
-        """
+        """Whether faults hold so much that the proxy should not read from TCP streams."""
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:
@@ -224,22 +195,20 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether faults hold messages of the flow, or a half-open fault blocks the conversation.
-        While `holds` returns True for a TCP flow, the proxy must not forward the flow's FIN.
+        """Return whether a FIN of the flow must not be forwarded yet, because faults hold messages of the
+        flow or block the conversation.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return False if a half-open fault blocks the conversation. The caller must not forward a FIN or RST
-        of a blocked conversation.
-        """
+        """Return False if a half-open fault blocks the conversation, including its FINs and RSTs."""
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
-        """Remove all held messages of one direction, and return their bytes in the planned order of sending.
-        If a half-open fault blocks the conversation, return an empty list.
+        """Remove all held messages of one direction. Return their bytes in the planned order of sending, or
+        nothing if a half-open fault blocks the conversation.
         """
         key = _flow_key(flow)
         found = [entry for entry in self._queue if _is_of(entry[2].output, key)]
@@ -263,11 +232,8 @@ class FaultInjector:
         for direction in Direction:
             self._stream_busy_until.pop((conversation, direction), None)
             self._held_behind.pop((conversation, direction), None)
-        self._queue = [
-            entry
-            for entry in self._queue
-            if entry[2].output and entry[2].output.conversation is not conversation
-        ]
+        waiting = [entry for entry in self._queue if entry[2].output]
+        self._queue = [entry for entry in waiting if entry[2].conversation is not conversation]
         self._rebuild_queue()
 
     def _rebuild_queue(self) -> None:
@@ -324,21 +290,17 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return the time in ns at which to close a connection. A reset happens at the planned time `when`. A
-        FIN waits until all held messages of the connection are sent.
+        """Return the time in ns at which to close a connection: `when` for a reset; for a FIN, after all held
+        messages of the connection are sent.
         """
         if closing.how is CloseMode.RESET:
             return when
-        held = (
-            due
-            for due, _, each in self._queue
-            if each.output and each.output.conversation is closing.conversation
-        )
+        held = (due for due, _, each in self._queue if each.conversation is closing.conversation)
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
-        """Queue bytes for sending at `due`. Bytes of a stream are sent after all earlier bytes of the stream.
-        Then queue each reordered message that enough later messages have overtaken.
+        """Queue bytes for sending at `due`, or after all earlier bytes of the stream. Then queue each
+        reordered message that enough later messages have overtaken.
         """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
@@ -366,9 +328,7 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay. If faults would delay only copies of the datagram, drop only
-    the delayed copies.
-    """
+    """Drop a datagram that faults would delay, or only its delayed copies."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

@@ -1,14 +1,8 @@
-"""The classes of the faults. A fault is an immutable object; its method `apply` changes a message.
-
-`draw` takes random numbers from the fault's own generator, for every message that the fault might hit.
-Therefore, other faults for the same messages do not change the random numbers of this fault.
-"""
+"""The classes of the faults."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args
 
 from msgspec import Meta, field
@@ -42,11 +36,9 @@ UInt16: TypeAlias = Annotated[int, Meta(ge=0, le=0xFFFF)]
 RewriteValue: TypeAlias = int | float | bool | str
 
 PARETO_SHAPE = 3.0
-"""Shape parameter of the Pareto distribution, with the same value as in tc-netem(8). The mean of the
-distribution is subtracted, so that the mean delay equals `time`.
-"""
+"""Shape parameter of the Pareto distribution, with the same value as in tc-netem(8)."""
 
-_PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
+_PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)  # subtracted, so that the mean delay equals `time`
 
 
 class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
@@ -58,8 +50,6 @@ class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
 
 
 class DropFault(MessageFault, frozen=True, kw_only=True, tag="drop"):
-    """Drop the message."""
-
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         faulted.drop()
         return Message("fault.dropped")
@@ -69,10 +59,8 @@ class BurstFault(MessageFault, frozen=True, kw_only=True, tag="burst"):
     """Drop messages in bursts, with the Gilbert-Elliott model, separately for each direction.
 
     Attributes:
-        enter: Probability that the good state changes to the bad state, per message.
-        leave: Probability that the bad state changes to the good state, per message.
-        bad: Share of the messages that are dropped in the bad state.
-        good: Share of the messages that are dropped in the good state.
+        enter, leave: Probability per message that the bad state begins or ends.
+        bad, good: Share of the messages that are dropped in this state.
     """
 
     enter: Share
@@ -93,12 +81,8 @@ class BurstFault(MessageFault, frozen=True, kw_only=True, tag="burst"):
 
 
 class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
-    """Forward the message later. Other datagrams may overtake a datagram; bytes of a stream stay in order.
-
-    Attributes:
-        time: Delay without random variation.
-        jitter: Amount of random variation of the delay. If the random variation makes the delay negative, the
-            delay is 0.
+    """Forward the message later: by `time`, plus a random variation of the size `jitter`, but at least by 0.
+    Other datagrams may overtake a datagram; bytes of a stream stay in order.
     """
 
     time: DurationQuantity
@@ -124,12 +108,7 @@ class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
 
 
 class DuplicateFault(MessageFault, frozen=True, kw_only=True, tag="duplicate"):
-    """Send the message several times.
-
-    Attributes:
-        copies: Number of copies that are sent in addition to the message itself.
-        time: Time between a copy and the next copy.
-    """
+    """Send `copies` more copies of the message, each `time` after the one before."""
 
     copies: Annotated[int, Meta(ge=1, le=1000)] = 1
     time: DurationQuantity = DurationQuantity(0)
@@ -141,12 +120,8 @@ class DuplicateFault(MessageFault, frozen=True, kw_only=True, tag="duplicate"):
 
 
 class ReorderFault(MessageFault, frozen=True, kw_only=True, tag="reorder"):
-    """Hold the message until later messages have overtaken it. On TCP, frames are reordered, so the
-    controller seems to reply out of order.
-
-    Attributes:
-        by: Number of messages that overtake this message.
-        time: Maximum time that the message waits to be overtaken.
+    """Hold the message until `by` later messages have overtaken it, but at most for `time`. On TCP, frames
+    are reordered, so the controller seems to reply out of order.
     """
 
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -158,11 +133,8 @@ class ReorderFault(MessageFault, frozen=True, kw_only=True, tag="reorder"):
 
 
 class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
-    """Flip bits of the message.
-
-    Attributes:
-        bits: Number of times that a random bit is flipped. A bit that is flipped twice has its old value.
-        offset: Offset of the byte whose bits are flipped; None for any byte.
+    """Flip a random bit of the message `bits` times: of the byte at `offset`, or of any byte. A bit that is
+    flipped twice has its old value.
     """
 
     bits: Annotated[int, Meta(ge=1, le=10_000)] = 1
@@ -206,9 +178,7 @@ class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
 
 
 class GarbageFault(MessageFault, frozen=True, kw_only=True, tag="garbage"):
-    """Replace the message by random bytes: `size` bytes, or as many as the message has. By default, hit only
-    responses.
-    """
+    """Replace the message by `size` random bytes, or by as many as the message has."""
 
     direction: Direction | None = Direction.RESPONSE
     size: Annotated[int, Meta(ge=1, le=65507)] | None = None
@@ -231,7 +201,7 @@ class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
             text names another type, as in ``r4:10``.
         limit: Permitted ranges of arguments or elements. A number outside its range becomes the nearest end
             of the range. If an argument is an array, its range applies to every element.
-        step: Largest change of a number from one message to the next similar message of the conversation.
+        step: Largest change of a number from one message to the next similar message; see `Rewriter`.
     """
 
     serial: UInt16 | None = None
@@ -259,8 +229,6 @@ class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
 
 
 class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
-    """Add `by` to the serial of the frame. By default, hit only responses."""
-
     direction: Direction | None = Direction.RESPONSE
     by: Annotated[int, Meta(ge=-65535, le=65535)] = 1
 
@@ -275,10 +243,8 @@ class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
 
 
 class AnswerFault(MessageFault, frozen=True, kw_only=True, tag="answer"):
-    """Answer a request with the result code `hresult` and without a value. The request is not forwarded.
-
-    If `direction` is `response`, the request is forwarded, and a reply with the result code replaces the
-    controller's reply.
+    """Answer a request with the result code `hresult` and without a value, instead of forwarding it. If
+    `direction` is `response`, replace the controller's reply instead.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -298,12 +264,7 @@ class AnswerFault(MessageFault, frozen=True, kw_only=True, tag="answer"):
 
 
 class ExecutingFault(MessageFault, frozen=True, kw_only=True, tag="executing"):
-    """Send notices to the client for some time, then forward the message. By default, hit only responses.
-
-    Attributes:
-        time: Time during which the notices are sent.
-        every: Time between two notices. The first notice is sent at once.
-    """
+    """Send notices to the client for `time`, the first one at once, then forward the message."""
 
     direction: Direction | None = Direction.RESPONSE
     time: DurationQuantity
@@ -346,11 +307,8 @@ class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
 
 
 class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
-    """Limit the bandwidth, separately for each direction.
-
-    Attributes:
-        queue: Maximum total size in bytes of the datagrams that wait. Further datagrams are dropped. Any
-            number of bytes of a TCP stream may wait.
+    """Limit the bandwidth, separately for each direction. If more than `queue` bytes wait, datagrams are
+    dropped. Any number of bytes of a TCP stream may wait.
     """
 
     rate: Rate
@@ -372,10 +330,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 
 
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
-    """Drop datagrams, and hold the bytes of streams until the partition ends.
-
-    The receiver gets the bytes of a stream late, as if TCP had sent the bytes again. A partition without
-    the field `lasts` never ends, so the fault drops the bytes of streams instead of holding them.
+    """Drop datagrams, and hold the bytes of streams until the partition ends, as if TCP had sent them again.
+    A partition without the field `lasts` never ends, so it also drops the bytes of streams.
     """
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
@@ -387,8 +343,8 @@ class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
 
 
 class HalfOpenFault(MessageFault, frozen=True, kw_only=True, tag="half-open"):
-    """Block the conversation permanently, in both directions. If the client or the controller closes the
-    connection, the other end does not notice that.
+    """Block the conversation permanently, in both directions. Neither end notices if the other end closes the
+    connection.
     """
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
@@ -416,16 +372,13 @@ AnyFault: TypeAlias = (
     | PartitionFault
     | HalfOpenFault
 )
-"""Union of all faults. In a document, the field `action` names the class of the fault."""
 
-ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
-    {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
-)
+ACTIONS: dict[str, type[MessageFault]] = {
+    str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)
+}
 
-ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Other names of actions, from tc-netem(8): `loss` means `drop`. In the notation of a fault, the name
-`loss` requires a value, as in ``loss=5%``.
-"""
+ALIASES = {"loss": "drop"}
+"""Other names of actions, from tc-netem(8). In the notation of a fault, ``loss`` requires a value."""
 
 
 def _delayed(duration: int) -> Message:

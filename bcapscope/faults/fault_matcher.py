@@ -1,6 +1,4 @@
-"""Decides whether a fault hits a message. The decision depends on the fault's time, direction, condition,
-attempt and probability.
-"""
+"""Decides whether a fault hits a message."""
 
 from __future__ import annotations
 
@@ -13,13 +11,7 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 
 
 class FaultMatcher:
-    """Decides which messages a fault hits. The decision depends only on the messages, the time and random
-    numbers.
-
-    Attributes:
-        rng: Generator of random numbers for this fault only.
-        ends_at: Time at which the fault ends, in ns; None if it never ends.
-    """
+    """Decides which messages a fault hits. The fault ends at the time `ends_at` in ns; None for never."""
 
     def __init__(self, fault: Fault, name: str, seed: int, now: int) -> None:
         self.fault = fault
@@ -36,8 +28,7 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether the matcher needs the request of each reply, or the attempt number of each frame, to check
-        the fault's conditions."""
+        """Whether the fault's conditions need the request of each reply, or the attempt of each frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None
@@ -63,9 +54,7 @@ class FaultMatcher:
         )
 
     def draw(self) -> bool:
-        """Decide at random, with the fault's probability, whether the fault hits. If the probability is 1, no
-        random number is drawn.
-        """
+        """Decide at random whether the fault hits. If its probability is 1, draw no random number."""
         share = self.fault.probability
         return share >= 1 or self.rng.random() < share
 

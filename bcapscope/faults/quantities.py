@@ -1,7 +1,5 @@
-"""The values that a user writes in a fault: durations, shares, rates, result codes, conditions and ranges.
-
-Each class has `read`, which parses a value from YAML or from the command line, and `text`, which writes the
-value as text. `read` raises an `InputError` if the value is invalid.
+"""The values that a user writes in a fault. Each class has `read`, which parses a value from YAML or from the
+command line or raises an `InputError`, and `text`, which writes the value.
 """
 
 from __future__ import annotations
@@ -20,17 +18,15 @@ from bcapscope.traffic.filter.operands import UNITS
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
-"""Maximum duration in ns. The maximum is one year, so that sums of durations stay exact."""
+"""Maximum duration in ns: one year, so that sums of durations stay exact."""
 
 LARGEST_END = 1e19
 """Largest absolute value that an end of a range can have. No integer type of b-CAP holds a larger number."""
 
 MAX_INDEXES = 8
-"""Maximum number of indexes after ``arg``; ``arg[2][0]`` has two indexes. Controllers nest arrays only two
-levels deep."""
+"""Maximum number of indexes after ``arg``. Controllers nest arrays only two levels deep."""
 
-# The limit is in bits. Python refuses to convert an integer of more than about 14,000 bits to text.
-_LONGEST_SHOWN = 150
+_LONGEST_SHOWN = 150  # bits; Python refuses to convert an integer of more than about 14,000 bits to text
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")
@@ -59,7 +55,6 @@ class DurationQuantity(int):
 
     @property
     def text(self) -> str:
-        """Duration in the largest unit that gives a whole number."""
         unit = next(unit for unit in ("s", "ms", "us", "ns") if self % UNITS[unit] == 0)
         return f"{self // UNITS[unit]}{unit}"
 
@@ -84,7 +79,6 @@ class Share(float):
 
     @property
     def text(self) -> str:
-        """The share as a percentage with at most fifteen decimal places, such as ``5%``."""
         return f"{self * 100:.15f}".rstrip("0").rstrip(".") + "%"
 
 
@@ -103,7 +97,6 @@ class Rate(float):
 
     @property
     def text(self) -> str:
-        """Bandwidth in Mbit/s, kbit/s or bit/s: the largest unit that gives a whole number."""
         for letter, multiple in (("M", 1_000_000), ("k", 1000)):
             if self * 8 % multiple == 0:
                 return f"{self * 8 / multiple:.15g}{letter}bit/s"
@@ -134,9 +127,7 @@ class HresultQuantity(int):
 
 
 class FrameCondition:
-    """A filter that selects requests and replies. For a reply, the filter can also test the function and
-    command of the reply's request.
-    """
+    """A filter for requests and replies, which can also test the command that a reply answers."""
 
     __slots__ = ("filter",)
 
@@ -164,9 +155,7 @@ class FrameCondition:
 
 
 class Span:
-    """A range from a lowest to a highest number. Users write it as ``-90..90``, ``..90`` or ``0..``. A
-    missing end is infinite.
-    """
+    """A range of numbers. Users write it as ``-90..90``, ``..90`` or ``0..``; a missing end is infinite."""
 
     __slots__ = ("high", "low")
 
@@ -198,9 +187,7 @@ class Span:
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end of the range if the number is outside the range. For NaN,
-        return `low` if `low` is finite, else `high`.
-        """
+        """Return the number, or the nearest end of the range; a finite end for NaN."""
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
         return min(max(number, self.low), self.high)
@@ -213,12 +200,11 @@ class Span:
 
 
 QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Span)
-"""All quantity classes; each has `read` and `text`."""
 
 
 def read_path(written: str) -> tuple[int, ...]:
-    """Parse the filter notation of an argument, or of an element, such as ``arg[2][0]``. Return the indexes:
-    (2, 0). Any other text raises an `InputError`.
+    """Return the indexes (2, 0) of an argument, or of an element, such as ``arg[2][0]``. Any other text
+    raises an `InputError`.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()

@@ -1,18 +1,14 @@
-"""Makes replies in place of the controller, with the serial and the reserved field that the client
-expects.
-"""
+"""Makes replies in place of the controller."""
 
 from __future__ import annotations
 
 import struct
-from typing import TypeVar
 
 from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame, Framing, encode_frame
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Conversation, Direction, Flow
-
-Known = TypeVar("Known")
 
 _SERIAL_RESERVED = struct.Struct("<5xHH").unpack_from
 _COMPRESSED = {Framing.VERSION_1_ZLIB: Framing.VERSION_1}
@@ -34,8 +30,8 @@ class ReplyFactory:
     """
 
     def __init__(self) -> None:
-        self._last_requests: dict[Conversation, tuple[int, int]] = {}
-        self._reply_reserved: dict[Conversation, ReplyReserved] = {}
+        self._last_requests: BoundedDict[Conversation, tuple[int, int]] = BoundedDict(MAX_CONVERSATIONS)
+        self._reply_reserved: BoundedDict[Conversation, ReplyReserved] = BoundedDict(MAX_CONVERSATIONS)
 
     def on_message(self, flow: Flow, data: bytes) -> None:
         """Read the reserved field of a request or reply that is forwarded."""
@@ -45,12 +41,13 @@ class ReplyFactory:
         conversation = flow.conversation
         if flow.direction is Direction.REQUEST:
             if numbers[1]:
-                self._remember(self._last_requests, conversation, numbers)
+                self._last_requests[conversation] = numbers
             return
         asked = self._last_requests.get(conversation)
         if asked and asked[0] == numbers[0] and numbers[1] in (0, asked[1]):
             found = ReplyReserved.ECHOED if numbers[1] else ReplyReserved.ZERO
-            self._remember(self._reply_reserved, conversation, found)
+            if self._reply_reserved.get(conversation) is not found:
+                self._reply_reserved[conversation] = found
 
     def make_reply(self, conversation: Conversation, request: Frame, code: int) -> bytes:
         echoes = self._reply_reserved.get(conversation) is ReplyReserved.ECHOED
@@ -59,9 +56,3 @@ class ReplyFactory:
     def close_conversation(self, conversation: Conversation) -> None:
         self._last_requests.pop(conversation, None)
         self._reply_reserved.pop(conversation, None)
-
-    @staticmethod
-    def _remember(known: dict[Conversation, Known], conversation: Conversation, value: Known) -> None:
-        known[conversation] = value
-        if len(known) > MAX_CONVERSATIONS:
-            del known[next(iter(known))]

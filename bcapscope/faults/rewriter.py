@@ -19,15 +19,11 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of messages that a `Rewriter` keeps; a normal session needs a few dozen. The field `step` of
-a `RewriteFault` limits the change from the last similar message, so a `Rewriter` keeps this message. Similar
-messages have the same conversation, direction, code and command. Above the limit, a `Rewriter` drops its
-oldest message.
-"""
+"""Maximum number of messages that a `Rewriter` keeps; a normal session needs a few dozen."""
 
 MAX_BYTES = 1 << 20
-"""Maximum total size in bytes of the messages that a `Rewriter` keeps, after decompression. The decoded
-values of a message take up to 100 times as much memory as the bytes of the message.
+"""Maximum total size in bytes of the messages that a `Rewriter` keeps, after decompression. Decoded values
+take up to 100 times as much memory.
 """
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
@@ -36,20 +32,17 @@ ValueChange: TypeAlias = Callable[[Variant], Variant]
 """Function that returns the changed value, or the same object if nothing changes."""
 
 NumberChange: TypeAlias = Callable[[float, int], float]
-"""Function that gets a number and its index in an array, and returns the new number. A number outside an
-array has the index 0.
-"""
+"""Function of a number and its index in an array; the index is 0 outside an array."""
 
 
 class _LastMessage(NamedTuple):
-    """The latest message of a series of similar messages. The field `step` of a `RewriteFault` limits how
-    much a number may change from one message of the series to the next.
+    """The latest message of a series of similar messages.
 
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Latest forwarded value of each argument or element that `step` limits. The keys are the
-            positions of the arguments and elements in `step`, counted from 0.
+        step_base: Latest forwarded value of each argument or element that `step` limits, by its position in
+            `step`.
         size: Number of bytes of the frame after decompression.
     """
 
@@ -67,10 +60,8 @@ _NUMBERS = _INTEGERS | {VT.R4, VT.R8}
 def with_header(
     frame: Frame, *, serial: int | None = None, reserved: int | None = None, code: int | None = None
 ) -> bytes:
-    """Return a frame's bytes with a new serial, reserved field and code; None leaves a field unchanged.
-
-    Only the bytes of these fields change, even in a damaged frame. However, if an undamaged frame has a
-    checksum or compressed contents, the whole frame is encoded again.
+    """Return a frame's bytes with a new serial, reserved field and code; None leaves a field unchanged. If an
+    undamaged frame has a checksum or compressed contents, the whole frame is encoded again.
     """
     numbers = (
         frame.serial if serial is None else serial,
@@ -93,7 +84,9 @@ def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequenc
 
 
 class Rewriter:
-    """Applies a `RewriteFault`. The fault's `step` needs earlier messages, so this class keeps them."""
+    """Applies a `RewriteFault`. For its `step`, keep the latest message of each series of similar messages:
+    those of one conversation, direction, code and command.
+    """
 
     def __init__(self, fault: RewriteFault) -> None:
         self._fault = fault
@@ -104,7 +97,7 @@ class Rewriter:
         self._size = 0
 
     def rewrite(self, frame: Frame, flow: Flow) -> bytes:
-        """Return the changed bytes of `frame`. If the frame is damaged, its arguments are not changed."""
+        """Return the changed bytes of `frame`. The arguments of a damaged frame are not changed."""
         fault = self._fault
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
         if frame.problems or not (self._set or self._limit or self._step):
@@ -123,10 +116,8 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit how much a number may change from the latest similar message to `frame`.
-
-        A retry gets the same values as the first attempt. A retry with other values than the first attempt
-        would make the controller execute a new call.
+        """Limit the change from the latest similar message. A retry gets the values of the first attempt:
+        other values would make the controller execute a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)
@@ -170,7 +161,6 @@ def _is_attempt_of(frame: Frame, raw: bytes) -> bool:
 
 
 def _series_key(frame: Frame) -> tuple[int, str | None]:
-    """Return what the messages of a series have in common: the code and, for a request, the command."""
     values = [argument.variant.value for argument in frame.arguments[:2]]
     return frame.code, values[1] if len(values) > 1 and isinstance(values[1], str) else None
 
@@ -215,9 +205,7 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Convert `setting` to the type of `value`, or to the type that `setting` names. If `setting` is invalid,
-    return `value`.
-    """
+    """Convert `setting` to the type that it names, or to that of `value`. If invalid, return `value`."""
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:
         new = parse_variant_as(text, [vt_name(value.vt)])

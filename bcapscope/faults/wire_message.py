@@ -1,6 +1,4 @@
-"""A message that the proxy or simulator is about to send, and the changes that faults make to the message. A
-message is decoded only if a fault needs its frames.
-"""
+"""A message that the proxy or simulator is about to send, and the changes that faults make to it."""
 
 from __future__ import annotations
 
@@ -25,13 +23,7 @@ from bcapscope.traffic.observation import Conversation, Flow, Observation, Trans
 # times to create an object: struct 0.1 µs, named tuple 0.4 µs, frozen dataclass 0.9 µs. Unlike a named tuple,
 # a struct never equals a struct of another class.
 class SendBytes(msgspec.Struct, frozen=True):
-    """Bytes to send now.
-
-    Attributes:
-        flow: Conversation and direction of the bytes: requests go to the controller, replies to the client.
-        data: A datagram, or the next bytes of a stream.
-        fault_notes: What faults did to the bytes; empty if no fault changed them.
-    """
+    """A datagram, or the next bytes of a stream, to send now. `fault_notes` says what faults did to them."""
 
     flow: Flow
     data: bytes
@@ -43,7 +35,7 @@ class SendBytes(msgspec.Struct, frozen=True):
 
 
 class CloseConnection(msgspec.Struct, frozen=True):
-    """Instruction to close a TCP connection now, to the client and to the controller."""
+    """Tells the proxy or simulator to close the TCP connections to client and controller now."""
 
     conversation: Conversation
     how: CloseMode
@@ -54,12 +46,8 @@ FaultOutput: TypeAlias = SendBytes | CloseConnection
 
 
 class FaultResult(msgspec.Struct, frozen=True):
-    """Effect of the faults on one message.
-
-    Attributes:
-        outputs: What to do now, in this order: bytes to send and connections to close. Held messages that are
-            due now come first.
-        fault_notes: What each fault did to this message, such as ``loss: dropped``.
+    """What to do now, in this order, and what each fault did to the message, such as ``loss: dropped``. The
+    `outputs` begin with the held messages that are due.
     """
 
     outputs: list[FaultOutput]
@@ -67,15 +55,14 @@ class FaultResult(msgspec.Struct, frozen=True):
 
 
 class WireMessage:
-    """A datagram, or a piece of a stream.
+    """A datagram, or a piece of a stream. It is decoded only if a fault needs its frames.
 
     Attributes:
         number: Number of the message, counted from 1 over all messages.
-        data: Bytes of the message as received.
         now: Time of receipt in ns, on a monotonic clock.
         time: Time of receipt in ns since 1970-01-01 UTC.
-        attempt_numbers: For each request, the number of the attempt; for each reply or notice, the number of
-            the attempt that it answers. Empty before `annotate_with_attempts`.
+        attempt_numbers: Number of each frame's attempt, or of the attempt that a reply or notice answers.
+            Empty before `annotate_with_attempts`.
     """
 
     __slots__ = ("_annotated", "_templates", "attempt_numbers", "data", "flow", "now", "number", "time")
@@ -101,14 +88,11 @@ class WireMessage:
 
     @property
     def is_datagram(self) -> bool:
-        """Whether the message came over UDP. UDP keeps the boundaries of messages, but may lose messages."""
         return self.flow.conversation.transport is not Transport.TCP
 
     @property
     def annotated_frames(self) -> tuple[AnnotatedFrame, ...]:
-        """Frames of the message, and bytes that are not a frame. Each frame has its function and command if
-        they are known.
-        """
+        """Frames of the message, and bytes that are not a frame."""
         if self._annotated is None:
             self._annotated = tuple(AnnotatedFrame(seen, None) for seen in self._observations())
         return self._annotated
@@ -124,7 +108,7 @@ class WireMessage:
         return next((each.call_kind for each in self.annotated_frames if each.call_kind), None)
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
-        """Do the same as `annotate`, and find the attempt of each frame."""
+        """Like `annotate`, but also find the attempt of each frame."""
         self.annotate(requests)
         self.attempt_numbers = tuple(
             counter.attempt_number(self.flow, each.observation.item)
@@ -134,9 +118,7 @@ class WireMessage:
         )
 
     def annotate(self, requests: RecentRequests) -> None:
-        """Find the function and the command of each frame. Call this method for every message, in the order
-        of the messages.
-        """
+        """Find the function and command of each frame. Must be called for all messages, in their order."""
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:
@@ -146,17 +128,13 @@ class WireMessage:
 
 @dataclass(slots=True)
 class FaultedMessage:
-    """A message, and the effects of faults on the message so far.
+    """A message, and the effects of faults on the message so far. Times are in ns.
 
     Attributes:
-        delay: Sum of all delays, in ns.
-        is_lost: True if the message is not forwarded.
         is_final: True if the injector must not apply further faults to the message.
-        copy_delays: Delay of each copy in ns, counted from the sending of the message.
-        held_behind: Two values for a reordered message: how many later messages to send first, and the
-            maximum wait in ns. None if the message is not reordered.
-        replies: Replies that faults made for the client, each with a delay in ns.
-        close_mode: How to close the connection; None to keep it open.
+        copy_delays: Delay of each copy, counted from the sending of the message.
+        held_behind: For a reordered message: how many later messages to send first, and the maximum wait.
+        replies: Replies that faults made for the client, each with its delay.
         half_open: True if the conversation is blocked from now on.
     """
 
@@ -174,13 +152,11 @@ class FaultedMessage:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Frames in the current bytes; see `WireMessage.frames`."""
         if self.data is self.original.data:
             return self.original.frames
         return _only_frames(parse_datagram(self.data))
 
     def drop(self) -> None:
-        """Drop the message, so that the injector applies no further faults to the message."""
         self.is_lost = self.is_final = True
 
 

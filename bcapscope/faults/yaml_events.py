@@ -1,8 +1,7 @@
 """Reads YAML as a sequence of events. bcapscope reads all its YAML input with this module.
 
-PyYAML's composers, which build a tree of nodes, call themselves for each level of nesting. The composer in C,
-which `msgspec.yaml` also uses, overflows the stack on deep input and crashes the process. `yaml_events` needs
-no recursion, and rejects input with more than `MAX_LEVELS` levels of nesting.
+The composers of PyYAML and `msgspec.yaml` call themselves for each level of nesting. In C, they overflow the
+stack on deep input and crash the process. `yaml_events` needs no recursion, and rejects deep input.
 """
 
 from __future__ import annotations
@@ -16,18 +15,12 @@ from bcapscope.errors import InputError
 from bcapscope.messages import Message
 
 MAX_LEVELS = 64
-"""Maximum number of nesting levels."""
 
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
 class YamlError(InputError):
-    """The text is not YAML, or is nested too deep.
-
-    Attributes:
-        line: Line of the error, counted from 1; 0 if it is unknown.
-        column: Column of the error, counted from 1; 0 if it is unknown.
-    """
+    """The text is not YAML, or is nested too deep. `line` and `column` count from 1; 0 if unknown."""
 
     def __init__(self, reason: Message, mark: Any = None) -> None:
         super().__init__(reason)
@@ -36,10 +29,8 @@ class YamlError(InputError):
 
 
 def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
-    """Yield the events of a stream of YAML documents. All scalars in the events are text.
-
-    Raises:
-        YamlError: The data is not YAML, or has more than `MAX_LEVELS` levels.
+    """Yield the events of a stream of YAML documents, with all scalars as text. If the data is not YAML, or
+    has more than `MAX_LEVELS` levels, raise a `YamlError`.
     """
     depth = 0
     try:

@@ -65,7 +65,7 @@ SLOW_HOOK_NS = 2_000_000
 
 
 class AddonClient(NamedTuple):
-    """A client, as add-ons see it. No other client gets the same `number`."""
+    """A client, as add-ons see it. No other client gets its `number`."""
 
     number: int
     address: Endpoint
@@ -74,13 +74,8 @@ class AddonClient(NamedTuple):
 
 
 class PassingMessage:
-    """A message in transit, which hooks can read and change.
-
-    Attributes:
-        client: Client that sent the message or receives it.
-        data: Bytes of the message. Assign other bytes to replace the message.
-        dropped: True if the proxy will not forward the message.
-        call_kind: Function and command that the message calls or answers; None if unknown.
+    """A message in transit. Hooks replace it by assigning other bytes to `data`. `call_kind` is the function
+    and command that the message calls or answers; None if unknown.
     """
 
     def __init__(self, client: AddonClient, message: WireMessage) -> None:
@@ -93,12 +88,11 @@ class PassingMessage:
 
     @property
     def frame(self) -> Frame | None:
-        """The frame of the message as received; None for bytes that are not a frame."""
+        """The frame as received; None for bytes that are not a frame."""
         return self._frames[0] if self._frames else None
 
     @property
     def function(self) -> str | None:
-        """Name of the function that the message calls or answers; None if the function is unknown."""
         return None if self.call_kind is None else function_name(self.call_kind.function_id)
 
     @property
@@ -108,7 +102,6 @@ class PassingMessage:
 
     @property
     def values(self) -> list[Any]:
-        """Values of the frame's arguments."""
         return [argument.variant.value for argument in self.frame.arguments] if self.frame else []
 
     @property
@@ -120,11 +113,8 @@ class PassingMessage:
         self.dropped = True
 
     def answer(self, hresult: int | str) -> None:
-        """Drop the request, and answer the client with a result code. `hresult` is the name or number of this
-        code.
-
-        Raises:
-            ValueError: There is no such result code.
+        """Drop the request, and answer the client with the result code of this name or number. If there is no
+        such code, raise a `ValueError`.
         """
         self._answers.append(HresultQuantity.read(hresult))
         self.dropped = True
@@ -136,9 +126,7 @@ class AddonRunner(PipelineSubscriber):
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Prepare to call the hooks of `addons`, in the order of the add-ons. `clock` returns the time in ns,
-        to measure how long a hook takes.
-        """
+        """Prepare to call the hooks of `addons`. `clock`, in ns, measures how long a hook takes."""
         self._clock = clock
         self._errors = 0
         self._notices: list[Message] = []
@@ -158,11 +146,7 @@ class AddonRunner(PipelineSubscriber):
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def execute(self, order: ScriptOrder) -> ScriptAnswer:
-        """Handle an order of the proxy, and return the answer of the add-ons.
-
-        Raises:
-            KeyError: `order` has an unknown client number.
-        """
+        """Handle an order, and return the answer of the add-ons. An unknown client raises a `KeyError`."""
         pipeline = self._pipeline
         match order:
             case MessageShown():
@@ -195,9 +179,8 @@ class AddonRunner(PipelineSubscriber):
         client, conversation = self._clients[order.client]
         self._messages += 1
         flow = Flow(conversation, Direction.REQUEST if order.up else Direction.RESPONSE)
-        message = WireMessage(
-            self._messages, flow, order.data, order.now, order.time, templates=self._templates
-        )
+        number, templates = self._messages, self._templates
+        message = WireMessage(number, flow, order.data, order.now, order.time, templates=templates)
         message.annotate(self._recent_requests)
         passing = self._run_message_hooks(client, message)
         return self._answer(
@@ -213,9 +196,7 @@ class AddonRunner(PipelineSubscriber):
         return ScriptAnswer(notices, self._errors, has_open_calls, **verdict)
 
     def _run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Pass a message to the add-ons one after another. Each add-on gets the message with the changes of
-        the previous add-ons. Return the changed message.
-        """
+        """Pass a message to the add-ons one after another, with the changes of the previous add-ons."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -252,8 +233,9 @@ class AddonRunner(PipelineSubscriber):
             self._notices.append(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count each problem of a hook, except slowness, as an error. Return whether this kind of problem is
-        new for the hook. The user sees only new kinds of problems."""
+        """Count a problem of a hook, unless it is slow. Return whether the user must see it, because this
+        kind of problem is new for the hook.
+        """
         self._errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported
@@ -262,10 +244,8 @@ class AddonRunner(PipelineSubscriber):
 
 
 def load_addons(path: str) -> list[object]:
-    """Run a script. For each class in the script, return one object if the class has a hook.
-
-    Raises:
-        ScriptError: The script cannot be read, fails, or contains no add-on.
+    """Run a script, and return one object of each class that has a hook. If the script cannot be read, fails,
+    or contains no add-on, raise a `ScriptError`.
     """
     module = _load_module(path)
     kinds = [

@@ -1,8 +1,5 @@
-"""Decides which clients the proxy admits if too many clients connect. This module uses no socket and no
-clock.
-
-Each transport has its own slots, and no address may take all slots. Some slots are reserved for stops, so a
-new client that begins with a stop always gets a slot.
+"""Decides which clients the proxy admits if too many clients connect. A new client that begins with a stop
+always gets a slot.
 """
 
 from __future__ import annotations
@@ -24,28 +21,24 @@ C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address. This number is high, because a whole plant may share one address
-behind NAT. The 64 slots that remain for other addresses are enough for the clients of three
-controllers.
+"""Maximum number of clients per address. A whole plant may share one address behind NAT. The 64 slots that
+remain for other addresses are enough for the clients of three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport, reserved for clients that send a stop. If all reserved slots are
-full, a client that sends a stop replaces the oldest client in a reserved slot.
+"""Number of additional slots per transport for clients that begin with a stop. If these slots are full, such
+a client replaces the oldest client in them.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns after which the proxy may evict one more fresh client. A fresh client is a client that has sent
-only one datagram. This limit keeps the cost low if many datagrams arrive from new UDP ports.
+"""Time in ns after which the proxy may evict one more fresh client, which has sent only one datagram. This
+limit keeps the cost low if many datagrams arrive from new UDP ports.
 """
 
 REPLACE_BURST = 64
-"""Maximum number of fresh clients that the proxy may evict without waiting `REPLACE_INTERVAL_NS` between two
-evictions.
-"""
+"""Maximum number of fresh clients that the proxy may evict without waiting in between."""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
-"""Reason that the user sees if the proxy evicts a client to admit another client."""
 
 
 class ClientSlot(Enum):
@@ -71,10 +64,7 @@ class ClientSlots:
         return len(self._regular) + len(self._reserved)
 
     def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
-        """Find a slot for a new client at the address `host`. Evict another client if no slot is free.
-
-        `is_stop` is True if the client's first frame is a stop. `now` is in ns of a monotonic clock.
-        """
+        """Find a slot for a new client at the address `host`. Evict another client if no slot is free."""
         source = source_network(host)
         if self._sources[source] >= MAX_PER_SOURCE:
             found = self._evict_one(source, now)
@@ -89,9 +79,7 @@ class ClientSlots:
         return ClientSlot.RESERVED
 
     def occupy(self, session: RelaySession, slot: ClientSlot, is_fresh: bool) -> None:
-        """Give a client the slot that `find_slot` found. `is_fresh` is True if the client has sent only one
-        datagram.
-        """
+        """Give a client the slot that `find_slot` found."""
         number = session.number
         if slot is ClientSlot.RESERVED:
             self._reserved[number] = session
@@ -116,27 +104,16 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if all reserved slots are
-        free."""
-        oldest = next(iter(self._reserved.values()), None)
-        if oldest is None:
-            return False
-        oldest.close(False, TOO_MANY_CLIENTS)
-        return True
+        """Disconnect the client that has held a reserved slot longest. Return False if there is none."""
+        return _evict(next(iter(self._reserved.values()), None))
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict one client. If `source` is not None, evict only a client whose address is in the network
-        `source`. Return whether the proxy evicted a client.
-        """
-        victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
-        if victim is None:
-            return False
-        victim.close(False, TOO_MANY_CLIENTS)
-        return True
+        """Evict one client, of the network `source` if it is not None. Return False if there is none."""
+        return _evict(self._oldest_replaceable(source, now) or self._longest_idle(source, now))
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if the proxy must not evict any client. If a
-        search finds no client, further calls with the same `now` return None without another search.
+        """Return the client that has been idle longest; None if the proxy must not evict any client. After a
+        search without result, return None for the same `now` without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -152,10 +129,7 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client. If `source` is not None, consider only clients whose address is in
-        the network `source`. Return None if the proxy finds no fresh client, or must wait before the next
-        eviction.
-        """
+        """Return the oldest fresh client; None if there is none, or the proxy must wait with an eviction."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)
@@ -166,3 +140,10 @@ class ClientSlots:
         victim = next(fresh, None)
         self._replacements_left -= victim is not None
         return victim
+
+
+def _evict(victim: RelaySession | None) -> bool:
+    if victim is None:
+        return False
+    victim.close(False, TOO_MANY_CLIENTS)
+    return True

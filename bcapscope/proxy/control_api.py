@@ -29,18 +29,16 @@ class ControlApi:
         figures: Callable[[], Mapping[str, Any]] = dict,
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
-        """Control a proxy that has these `rules`. `figures` returns the relay's figures under the names in
-        `ProxyStats`. `upstream` takes a client's number and returns the state of this client's connection to
-        the controller.
+        """Control a proxy with these `rules`. `figures` returns the relay's figures under the names in
+        `ProxyStats`. `upstream` returns the state of the connection to the controller, by client number.
         """
         self._rules = rules
         self._figures = figures
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
-        """Execute a request, which is a line of JSON. Return the response as a line of JSON, and whether the
-        request was JSON. If the request is not JSON, the sender is not a control client. Even an invalid
-        request gets a response.
+        """Execute a request. Return the response, and whether the request was JSON. Otherwise, the sender is
+        not a control client.
         """
         is_json = True
         try:
@@ -74,7 +72,7 @@ class ControlApi:
                 return control.FaultResponse(name=self._change_fault(request, now))
 
     def _change_fault(self, request: control.FaultChange, now: int) -> str:
-        """Add or remove a fault, or switch a fault on or off. Return the name of the fault."""
+        """Return the name of the fault."""
         shaper = self._rules.shaper
         if isinstance(request, control.AddFault):
             if bool(request.rule) == bool(request.fault):
@@ -113,8 +111,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # An edit that changes nothing is probably a typing error. Keep holding the message, because the
-        # message may request a motion.
+        # An edit that changes nothing is probably a typing error, and the message may request a motion.
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

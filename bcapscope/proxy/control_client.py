@@ -1,14 +1,12 @@
-"""The client of the control socket, which sends requests to a proxy and reads the responses.
-
-Any program may listen on the proxy's address, so the client limits the size and the time of a response. A
-response contains strings from the wire: escape these strings before you print them.
+"""The client of the control socket. Any program may listen on the proxy's address, so the client limits the
+size and the time of a response. Escape the strings in a response before you print them.
 """
 
 from __future__ import annotations
 
 import socket
 import time
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
@@ -21,9 +19,7 @@ ANSWERS_WITHIN = 10.0
 """Maximum time in seconds for a whole response."""
 
 LARGEST_LIST = 16 << 20
-"""Maximum size, in bytes, of a response that lists held messages: enough for a thousand messages of 8,000
-bytes. A response that does not list held messages has at most `LONGEST_LINE` bytes.
-"""
+"""Maximum size, in bytes, of a response that lists held messages: a thousand messages of 8,000 bytes."""
 
 _LONGEST_REASON = 1000
 
@@ -31,9 +27,7 @@ R = TypeVar("R", bound=control.DoneResponse)
 
 
 class ControlRefused(BcapError):
-    """The proxy rejected a request for the reason in the text of the error. `line` is the response
-    in JSON.
-    """
+    """The proxy rejected a request for this reason. `line` is the response in JSON."""
 
     def __init__(self, reason: Message, line: bytes) -> None:
         text = str(reason)
@@ -43,48 +37,37 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. The first request opens the connection. After a failure, the next
-    request opens a new connection.
-    """
+    """A control connection to a proxy, opened by the first request, and again after a failure."""
 
     def __init__(self, address: str) -> None:
         self._address = address
         self._socket: socket.socket | None = None
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R:
-        """Send a request and return the response as an object of type `kind`.
-
-        Raises:
-            ControlError: No program listens on the address, or the program is not a proxy of this version.
-            ControlRefused: The proxy rejected the request.
+        """Send a request and return the response. Raise a `ControlError` if no proxy of this version listens
+        on the address, or `ControlRefused` if the proxy rejected the request.
         """
         line = self.request_raw(request)
         try:
             return control.decode_response(line, kind)
         except ValueError as error:
-            self.close()
-            raise ControlError(Message("control.other-version", address=self._address)) from error
+            raise self._close_with_error("control.other-version") from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
-        """Do the same as `request`, but return the received response, which is one line of JSON."""
+        """Like `request`, but return the received line of JSON."""
         limit = LARGEST_LIST if isinstance(request, control.ListHeld) else control.LONGEST_LINE
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except (OSError, ValueError) as error:
-            self.close()
-            raise ControlError(self._failure_reason(error)) from error
+        except ConnectionError as error:  # after connecting: a failure to connect raises `ControlError`
+            raise self._close_with_error("control.ended") from error
+        except OSError as error:
+            raise self._close_with_error("control.failed", reason=os_reason(error)) from error
+        except ValueError as error:
+            raise self._close_with_error("control.not-a-proxy") from error
         if not head.ok:
             raise ControlRefused(head.reason, line)
         return line
-
-    def _failure_reason(self, error: OSError | ValueError) -> Message:
-        # the proxy ended during the request; a failure to connect would raise `ControlError`
-        if isinstance(error, ConnectionError):
-            return Message("control.ended", address=self._address)
-        if isinstance(error, OSError):
-            return Message("control.failed", address=self._address, reason=os_reason(error))
-        return Message("control.not-a-proxy", address=self._address)
 
     def close(self) -> None:
         if self._socket is not None:
@@ -105,10 +88,12 @@ class ControlClient:
             self._socket.settimeout(left)
             data = self._socket.recv(1 << 16)
             if not data:
-                self.close()
-                raise ControlError(Message("control.ended-early", address=self._address))
+                raise self._close_with_error("control.ended-early")
             response += data
             if len(response) > limit:
-                self.close()
-                raise ControlError(Message("control.too-long", address=self._address, size=limit >> 20))
+                raise self._close_with_error("control.too-long", size=limit >> 20)
         return bytes(response)
+
+    def _close_with_error(self, case: str, **places: Any) -> ControlError:
+        self.close()
+        return ControlError(Message(case, address=self._address, **places))

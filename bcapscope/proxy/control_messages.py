@@ -50,9 +50,7 @@ JsonHex: TypeAlias = Annotated[str, Meta(pattern=r"^([0-9A-Fa-f]{2} ?)*\Z")]
 Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 LONGEST_LINE = 1 << 20
-"""Maximum size of a line in bytes. A line can contain a held message: up to 1006 hexadecimal digits over UDP,
-more over TCP.
-"""
+"""Maximum size of a line in bytes. A line can contain the bytes of a held message."""
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="do"):
@@ -60,13 +58,11 @@ class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
 
 
 class ListFaults(_Request, frozen=True, tag="rules"):
-    """Request for the list of faults; the response is a `FaultsResponse`."""
+    pass
 
 
 class AddFault(_Request, frozen=True, tag="add"):
-    """Request to add a fault. The fault is either one line of text (`rule`), or has the form of a fault in a
-    file (`fault`).
-    """
+    """The fault is either one line of text (`rule`), or has the form of a fault in a file (`fault`)."""
 
     rule: str = ""
     fault: dict[str, Any] = {}
@@ -85,8 +81,8 @@ class DisableFault(_Request, frozen=True, tag="off"):
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Request to set which messages the proxy holds from now on. If `condition` is None, the proxy holds no
-    messages. Without `patience`, the maximum hold time stays the same.
+    """Sets which messages the proxy holds from now on; None for none. Without `patience`, the maximum hold
+    time stays the same.
     """
 
     condition: str | None = None
@@ -94,7 +90,7 @@ class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": 
 
 
 class ListHeld(_Request, frozen=True, tag="held"):
-    """Request for the list of held messages."""
+    pass
 
 
 class ForwardHeld(_Request, frozen=True, tag="forward"):
@@ -102,9 +98,7 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Request to forward a held message with a change. Either the bytes `hex` replace the message, or the
-    rewrite fault `rewrite` changes it.
-    """
+    """Either the bytes `hex` replace the held message, or the rewrite fault `rewrite` changes it."""
 
     number: int
     hex: str = ""
@@ -116,11 +110,11 @@ class DropHeld(_Request, frozen=True, tag="drop"):
 
 
 class ListClients(_Request, frozen=True, tag="clients"):
-    """Request for the list of clients."""
+    pass
 
 
 class GetStats(_Request, frozen=True, tag="stats"):
-    """Request for the figures of the proxy."""
+    pass
 
 
 FaultChange: TypeAlias = AddFault | RemoveFault | EnableFault | DisableFault
@@ -129,8 +123,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. `error` holds the reason in English. `message` holds the reason in the
-    format of `message_to_data`. The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request. `error` holds the reason in English, `message` in the format of
+    `message_to_data`. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -149,13 +143,11 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
 
 class DoneResponse(msgspec.Struct, frozen=True, kw_only=True):
-    """Response to a request that the proxy has carried out."""
-
     ok: bool = True
 
 
 class FaultResponse(DoneResponse, frozen=True, kw_only=True):
-    """Response to a request that added, removed or switched a fault."""
+    """Response to a `FaultChange`."""
 
     name: str
 
@@ -179,9 +171,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. The proxy received `up` datagrams from the client, and `down` datagrams from the
-    controller. Over TCP, `up` and `down` count the proxy's socket reads. The time of an event is None if the
-    event never happened.
+    """A client of the proxy. `up` and `down` count the datagrams from the client and from the controller, or
+    over TCP the proxy's reads. The time of an event is None if the event never happened.
     """
 
     number: JsonCount
@@ -201,8 +192,7 @@ class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A held message. `given_up` says why the client no longer waits for the message. `more` is the old name
-    of `retries`."""
+    """A held message. `given_up` says why its client no longer waits. `more` is the old name of `retries`."""
 
     number: JsonCount
     client: JsonEndpoint
@@ -233,7 +223,6 @@ class HeldStatus(msgspec.Struct, frozen=True):
 
     @property
     def call_kind(self) -> CallKind | None:
-        """Function and command that the held message calls or answers; None if unknown."""
         return None if self.function_id is None else CallKind(self.function_id, self.command)
 
 
@@ -242,7 +231,7 @@ class HeldResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """Delays in ns of data that the relay forwards unchanged. `slow` counts the delays that were too long."""
+    """Delays in ns of data that the relay forwards unchanged. `slow` counts delays that were too long."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0
@@ -256,10 +245,8 @@ class RelayDelays(msgspec.Struct, frozen=True):
 
 
 class ProxyStats(DoneResponse, frozen=True, kw_only=True):
-    """Figures of the proxy. `RelayCounter` describes the figures that the relay counts.
-
-    `injected` says how often the proxy injected each fault. `struck` and `held_up_ns` are the old names of
-    `injected` and `delays_ns`.
+    """Figures of the proxy. `RelayCounter` describes the figures that the relay counts. `struck` and
+    `held_up_ns` are the old names of `injected` and `delays_ns`.
     """
 
     injected: dict[str, JsonCount]
@@ -303,7 +290,6 @@ class ProxyStats(DoneResponse, frozen=True, kw_only=True):
 
 
 def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes:
-    """Return a request or a response as one line of JSON."""
     try:
         return msgspec.json.encode(message) + b"\n"
     # A file name, or a text from the wire, may contain a lone surrogate, which UTF-8 cannot encode.
@@ -313,18 +299,15 @@ def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes
 
 
 def decode_request(line: bytes) -> ControlRequest:
-    """Decode a request from a line.
-
-    Raises:
-        JSONDecodeError: The line is not JSON, so the sender is not a control client.
-        DocumentError: The JSON is not a valid request. The error names the field that is invalid.
+    """Decode a request. Raise a `JSONDecodeError` if the line is not JSON, so that its sender is not a
+    control client, or a `DocumentError` that names the invalid field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request
 
 
 def decode_response(line: bytes, kind: type[T]) -> T:
-    """Decode a response of the given type from a line. An invalid line raises a `ValueError`."""
+    """Decode a response. An invalid line raises a `ValueError`."""
     try:
         return msgspec.json.decode(line, type=kind)
     except RecursionError as error:

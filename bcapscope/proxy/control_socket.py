@@ -1,5 +1,4 @@
-"""The socket on which the proxy receives control requests: a Unix socket that only its owner may use (mode
-0600), or a port on loopback."""
+"""The proxy's control socket: a Unix socket for its owner only (mode 0600), or a port on loopback."""
 
 from __future__ import annotations
 
@@ -31,14 +30,10 @@ class ControlError(BcapError):
 
 
 class ControlServer:
-    """Accepts control connections, and passes each received line to the `ControlApi`. `address` is the path
-    of the socket, or its host and port.
-    """
+    """Accepts control connections, and passes each received line to the `ControlApi`."""
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen at `HOST:PORT` on loopback, or at the path of a Unix socket. If the proxy cannot listen at
-        `address`, raise a `ControlError`.
-        """
+        """Listen at `HOST:PORT` on loopback, or at the path of a Unix socket, or raise a `ControlError`."""
         self.api = api
         self.watcher = watcher
         self.connections: dict[int, _Connection] = {}
@@ -46,14 +41,13 @@ class ControlServer:
         try:
             self._socket = _listen_at_path(address) if self._path else _listen_at_port(address)
         except (OSError, OverflowError) as error:
-            raise ControlError(
-                Message("control.cannot-listen", address=address, reason=os_reason(error))
-            ) from error
+            reason = os_reason(error)
+            raise ControlError(Message("control.cannot-listen", address=address, reason=reason)) from error
+        self._socket.setblocking(False)
         self.address = self._path or "%s:%d" % self._socket.getsockname()[:2]
         watcher.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        """Close all control connections, and remove the path of the socket."""
         for connection in list(self.connections.values()):
             connection.close()
         self.watcher.unwatch(self._socket.fileno())
@@ -77,9 +71,7 @@ class ControlServer:
         self.connections[sock.fileno()] = _Connection(sock, self)
 
     def _close_idle_connection(self) -> bool:
-        """Close a connection that never sent a command. If every connection has sent a command, close the
-        connection that has been idle longest. Return False if no connection is idle.
-        """
+        """Close the connection that has been idle longest. Return False if no connection is idle."""
         idle = min(self.connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
@@ -88,9 +80,7 @@ class ControlServer:
 
 
 class _Connection:
-    """A connected control client. `last_command_at` is the time of the last command in seconds of
-    `time.monotonic`; minus infinity before the first command.
-    """
+    """A connected control client. `last_command_at` is in seconds, minus infinity without a command."""
 
     def __init__(self, sock: socket.socket, server: ControlServer) -> None:
         self._socket = sock
@@ -108,9 +98,7 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one control request each time the socket is ready. Many control requests must not
-        delay traffic for long or fill the memory.
-        """
+        """Answer at most one request, so that many requests neither delay traffic nor fill the memory."""
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()
@@ -121,7 +109,7 @@ class _Connection:
             self.close()
 
     def _read(self) -> bool:
-        """Read bytes from the control client. Return whether a whole line has arrived."""
+        """Return whether a whole line has arrived."""
         data = self._socket.recv(1 << 16)
         self._received += data
         if not data or (b"\n" not in data and len(self._received) > LONGEST_LINE):
@@ -190,7 +178,8 @@ def _listen_at_port(address: str) -> socket.socket:
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind((host, port))
-        return _listening(sock)
+        sock.listen(_BACKLOG)
+        return sock
     except (OSError, OverflowError):
         sock.close()
         raise
@@ -205,7 +194,8 @@ def _listen_at_path(path: str) -> socket.socket:
             sock.bind(path)
         finally:
             os.umask(before)
-        return _listening(sock)
+        sock.listen(_BACKLOG)
+        return sock
     except (OSError, ControlError):
         sock.close()
         raise
@@ -232,9 +222,3 @@ def _unix_socket(path: str) -> socket.socket:
     if not hasattr(socket, "AF_UNIX"):
         raise ControlError(Message("control.unsupported", path=path))
     return socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-
-
-def _listening(sock: socket.socket) -> socket.socket:
-    sock.listen(_BACKLOG)
-    sock.setblocking(False)
-    return sock

@@ -23,15 +23,13 @@ _HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
 @dataclass(eq=False)
 class DirectionState:
-    """State of one direction of a client's traffic.
+    """State of one direction of a client's traffic. Times are in ns.
 
     Attributes:
-        connected_at: Time of the client's first bytes, in ns.
         budget: Common limit for the bytes of unfinished frames in all streams.
         splitter: Object that splits a TCP stream into frames; None while no proxy rule needs frames.
         has_begun: True once the proxy has forwarded bytes of this direction.
         piece_count: Number of received datagrams; for a stream, the number of reads.
-        last_piece_at: Time of the last datagram or read, in ns; 0 if there was none.
         overtaken_by: Message number of the latest stop that cancels the client's waiting motions; 0 without
             such a stop. A waiting motion must not start if its message number is below `overtaken_by`.
     """
@@ -49,7 +47,6 @@ class DirectionState:
 
     @property
     def is_stream(self) -> bool:
-        """Whether this direction is a stream, in which nothing separates the messages."""
         return self.flow.conversation.transport is Transport.TCP
 
     def cut_messages(self, data: bytes, into_frames: bool) -> Iterator[bytes]:
@@ -74,9 +71,7 @@ class DirectionState:
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits for a decision of the scripts. `decision` covers all data that arrived together
-    with the message.
-    """
+    """A message that waits for the scripts. `decision` covers all data that arrived with it."""
 
     message: WireMessage
     state: DirectionState
@@ -84,14 +79,11 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Split the waiting requests of a leaving client into stops to send and other requests to drop.
+    """Split the waiting requests of a leaving client into bytes of stops to send, and others to drop.
 
-    Return the bytes to send, and the frames and other bytes to drop.
-
-    A motion is dangerous if the motion starts after its client has stopped waiting. A stop is never
-    dangerous. If the proxy has already sent the start of a frame, the bytes to send begin with the rest of
-    that frame. If an incomplete frame precedes a request, the controller takes the request's bytes for the
-    rest of the frame.
+    A motion is dangerous if it starts after its client has stopped waiting. If the proxy has already sent the
+    start of a frame, the bytes to send begin with the rest of that frame: otherwise, the controller would
+    take the stop's bytes for that rest.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -129,7 +121,7 @@ def _only_stops(request: Frame) -> bool:
 
 
 def is_stop_request(message: WireMessage) -> bool:
-    """Return whether a message is a request that only stops the robot or releases something."""
+    """Return whether a message consists of requests that only stop the robot or release something."""
     if message.flow.direction is Direction.RESPONSE or not message.frames:
         return False
     return all(map(_only_stops, message.frames))
@@ -138,11 +130,9 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """When the proxy forwards a stop, cancel the motions that still wait for the scripts.
-
-    A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
-    of all clients of the controller, because a program may send these calls over a separate connection. A
-    call that only releases something cancels no motion.
+    """When the proxy forwards a stop, cancel its client's motions that still wait for the scripts. Robot_Halt
+    and Robot_Hold cancel the motions of all clients of the controller, because a program may send them over a
+    separate connection. A call that only releases something cancels no motion.
     """
     codes = {each.code for each in stop.frames}
     if not codes.isdisjoint(_HALTS):

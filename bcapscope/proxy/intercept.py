@@ -13,45 +13,36 @@ from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.guard import always_passes
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 
 MAX_HELD = 1000
-"""Maximum number of held messages. Above this limit, the proxy forwards messages immediately, with a note for
-the user.
-"""
+"""Maximum number of held messages. Above this limit, the proxy forwards messages immediately, with a note."""
 
 MAX_BYTES = 16 << 20
 """Maximum total size of all held messages in bytes."""
 
 HOLD_TIME_NS = 60_000_000_000
-"""Default time in ns for which the proxy holds a message: long enough to edit the message, but short enough
-that a robot does not wait for ever.
-"""
+"""Default time in ns for which the proxy holds a message: long enough to edit it."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""Identifies all attempts of one UDP call, or all replies to these attempts. One decision of the user
-(forward, edit or drop) applies to all messages with the same `_Subject`."""
+"""All attempts of one UDP call, or all replies to them. One decision of the user applies to all of them."""
 
 
 @dataclass(eq=False, slots=True)
 class HeldMessage:
-    """A held message.
+    """A held message. Times are in ns.
 
     Attributes:
-        data: Bytes of the message. After retries, `data` holds the latest attempt, because the client accepts
-            only a reply to this attempt.
+        data: Bytes of the latest attempt, because the client accepts only a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
-        since: Start of the hold, in ns.
-        until: Time in ns at which the proxy forwards the message, or drops the message if the client no
-            longer waits.
-        last_attempt_at: Time of the latest attempt, in ns.
+        until: Time at which the proxy forwards the message, or drops it if the client no longer waits.
         repeats: Number of later messages with the same `subject`.
-        subject: What the user's decision applies to; None if the decision applies only to this message.
-        abandoned_because: Evidence in the client's traffic that the client no longer waits; None without
-            evidence.
+        subject: What the user's decision applies to; None if it applies only to this message.
+        abandoned_because: Evidence in the client's traffic that the client no longer waits.
     """
 
     number: int
@@ -69,10 +60,9 @@ class HeldMessage:
     def abandonment_reason(self, now: int) -> Message | None:
         """Return the evidence that the client no longer waits for a reply; None without evidence.
 
-        A motion is dangerous if the motion starts long after the client reported a failure to its user. A
-        client makes one call at a time, so a client that sends a new request no longer waits for an earlier
-        reply. A client that has ended its stream waits for no reply. Over UDP, a client that has not retried
-        within `RETRY_WITHIN_NS` no longer waits. Over TCP, clients never retry, so silence is no evidence.
+        A motion is dangerous if it starts long after the client reported a failure to its user. A client
+        makes one call at a time, so it no longer waits after a new request or the end of its stream. Over
+        UDP, it no longer waits if it has not retried within `RETRY_WITHIN_NS`. On TCP, clients never retry.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -82,18 +72,13 @@ class HeldMessage:
 
 
 InterceptResult: TypeAlias = tuple[Message, bytes | None]
-"""A note for the user about what the intercept did, and the bytes that the proxy forwards now. The bytes are
-None for a message that the intercept holds or drops.
-"""
+"""A note for the user, and the bytes to forward now; None for a message that is held or dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class _PastDecision:
-    """The user's decision about a message. Retries of this message may still arrive.
-
-    Attributes:
-        data: Bytes that replace the message; None to leave the message unchanged, b"" to drop it.
-        until: Time in ns after which retries of the message no longer arrive.
+    """The user's decision about a message, whose retries may still arrive until `until` in ns. `data`
+    replaces the message; None leaves it unchanged, b"" drops it.
     """
 
     number: int
@@ -102,27 +87,21 @@ class _PastDecision:
 
 
 class Intercept:
-    """Holds the messages that match a filter; stops are never held.
-
-    Each call is held once; the user's decision also applies to the retries of the call.
-
-    Attributes:
-        condition: Filter for the messages to hold; None to hold nothing.
-        hold_time: Maximum time in ns for which the proxy holds a message.
-        held_so_far: Number of messages held since the start of the proxy.
+    """Holds the messages that match a filter, for at most `hold_time` ns; stops are never held. Each call is
+    held once; the user's decision also applies to its retries.
     """
 
     def __init__(self, condition: FrameCondition | None = None, hold_time: int = HOLD_TIME_NS) -> None:
         self.hold_time = hold_time
         self.held_so_far = 0
         self._held: dict[int, HeldMessage] = {}
-        self._past_decisions: dict[_Subject, _PastDecision] = {}
+        # a decision also moves to the end when its time is extended, so the first one expires first
+        self._past_decisions: BoundedDict[_Subject, _PastDecision] = BoundedDict(MAX_HELD)
         self._attempts = AttemptCounter()
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Change the filter that selects which messages to hold; None selects no message. The intercept keeps
-        the messages that it already holds."""
+        """Change the filter for the messages to hold; None selects no message. Held messages stay held."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -130,9 +109,7 @@ class Intercept:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the intercept can ignore all messages: it has no filter, no held message and no decision
-        that may apply to retries.
-        """
+        """Whether the intercept can ignore all messages."""
         return self.condition is None and not self._held and not self._past_decisions
 
     @property
@@ -145,9 +122,7 @@ class Intercept:
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if the intercept does nothing with the message. The
-        proxy must pass all messages to this method, in order.
-        """
+        """Decide whether to hold a message; None for no effect. Must be called for all messages, in order."""
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
         subject, is_first = self._subject(message)
@@ -165,28 +140,35 @@ class Intercept:
             return None
         if self.is_full:
             return Message("held.full", count=len(self._held)), message.data
-        number = self._hold(client, message, subject)
-        return Message("held.as", number=number), None
+        self.held_so_far += 1
+        self._held[self.held_so_far] = HeldMessage(
+            self.held_so_far,
+            client,
+            message.flow,
+            message.data,
+            message.call_kind,
+            message.now,
+            message.now + self.hold_time,
+            message.now,
+            subject=subject,
+        )
+        return Message("held.as", number=self.held_so_far), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Stop holding a message and return it. The decision also applies to the message's retries. `data`
-        replaces the message; None leaves it unchanged, b"" drops it.
-
-        Raises:
-            KeyError: No message with this number is held.
+        """Stop holding a message and return it. For its retries, `data` replaces the message; None leaves it
+        unchanged, b"" drops it. If no message with this number is held, raise a `KeyError`.
         """
         held = self._held.pop(number)
         if held.subject is not None:
-            self._remember_decision(held.subject, _PastDecision(number, data, now + RETRY_WITHIN_NS))
+            self._past_decisions[held.subject] = _PastDecision(number, data, now + RETRY_WITHIN_NS)
         return held
 
     def due(self) -> int | None:
-        """Return the time in ns when the next hold ends; None if nothing is held."""
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Release and return the messages that were held for the maximum time. If the client of a held
-        request no longer waits for the reply, the intercept drops later retries of the request.
+        """Release and return the messages that were held for the maximum time. Drop the retries of those
+        whose client no longer waits.
         """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
@@ -195,7 +177,6 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Mark each held message of `flow` as abandoned by its client, with `why` as the reason."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 held.abandoned_because = why
@@ -213,8 +194,8 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the `_Subject` of a message, and whether the message is a first attempt. Return None as the
-        `_Subject` if the user's decision about this message applies to this message alone.
+        """Return the `_Subject` of a message, and whether the message is a first attempt. The `_Subject` is
+        None if the user's decision applies to this message alone.
         """
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
@@ -235,7 +216,7 @@ class Intercept:
     def _repeat_decision(
         self, message: WireMessage, subject: _Subject, decided: _PastDecision
     ) -> InterceptResult:
-        self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
+        self._past_decisions[subject] = replace(decided, until=message.now + RETRY_WITHIN_NS)
         (frame,), number = message.frames, decided.number
         if decided.data is None:
             return Message("held.sent-as", number=number), message.data
@@ -245,14 +226,6 @@ class Intercept:
             return Message("held.edited-as", number=number), data
         return Message("held.dropped-as", number=number), None
 
-    def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Add a decision to the end of `_past_decisions`. The first decision in `_past_decisions` expires
-        first."""
-        self._past_decisions.pop(subject, None)
-        self._past_decisions[subject] = decided
-        if len(self._past_decisions) > MAX_HELD:
-            del self._past_decisions[next(iter(self._past_decisions))]
-
     def _should_hold(self, message: WireMessage) -> bool:
         test = self._matches_frame
         if test is None or not any(test(each) for each in message.annotated_frames):
@@ -261,19 +234,3 @@ class Intercept:
             return True
         items = (each.observation.item for each in message.annotated_frames)
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
-
-    def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
-        self.held_so_far += 1
-        held = HeldMessage(
-            self.held_so_far,
-            client,
-            message.flow,
-            message.data,
-            message.call_kind,
-            message.now,
-            message.now + self.hold_time,
-            message.now,
-            subject=subject,
-        )
-        self._held[held.number] = held
-        return held.number

@@ -1,6 +1,4 @@
-"""The addresses on which a proxy listens, the controllers to which the proxy forwards traffic, and the
-clients that it accepts.
-"""
+"""The addresses on which a proxy listens, their controllers, and the clients that the proxy accepts."""
 
 from __future__ import annotations
 
@@ -24,18 +22,13 @@ _IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class ListenerSpecError(BcapError):
-    """The options of a listener are invalid. The error message says which option or address to correct."""
+    """The options of a listener are invalid."""
 
 
 @dataclass(frozen=True, slots=True)
 class ListenerSpec:
-    """Address on which the proxy listens for the clients of one controller.
-
-    Attributes:
-        listen: IP address and port of this machine; port 0 selects a free port.
-        to: Address or name of the controller, and its port.
-        transports: Transports for which the proxy listens.
-        allow: Networks from which clients may connect; () for all networks.
+    """The proxy listens at `listen`, where port 0 selects a free port, for the clients of the controller
+    `to`, and accepts clients from the networks `allow`; () for all networks.
     """
 
     listen: Endpoint
@@ -44,7 +37,6 @@ class ListenerSpec:
     allow: tuple[Network, ...] = ()
 
     def allows(self, host: str) -> bool:
-        """Return whether a client with this IP address is allowed to connect."""
         if not self.allow:
             return True
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -54,7 +46,7 @@ class ListenerSpec:
 def parse_listener_specs(
     listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
 ) -> tuple[ListenerSpec, ...]:
-    """Make one `ListenerSpec` per listener from the options of the command line.
+    """Make one `ListenerSpec` per listener from the command line, or raise a `ListenerSpecError`.
 
     Args:
         listen: `HOST:PORT` of each listener, `[HOST]:PORT` for IPv6. The prefix `udp:` or `tcp:` selects a
@@ -62,9 +54,6 @@ def parse_listener_specs(
         to: `HOST:PORT` of the controller of each listener, in the order of the listeners.
         transport: Transport for listeners without a prefix: `udp`, `tcp` or `both`.
         allow: Addresses or networks in CIDR notation from which clients may connect.
-
-    Raises:
-        ListenerSpecError: An option is missing, duplicated or invalid.
     """
     if not listen:
         raise ListenerSpecError(Message("listener.none"))
@@ -89,9 +78,8 @@ def _check_conflicts(listeners: Sequence[ListenerSpec]) -> None:
             raise ListenerSpecError(Message("listener.loop", address=str(listener.listen)))
         for transport in listener.transports:
             if listener.listen.port and (listener.listen, transport) in taken:
-                raise ListenerSpecError(
-                    Message("listener.twice", address=str(listener.listen), transport=transport.upper())
-                )
+                place = {"address": str(listener.listen), "transport": transport.upper()}
+                raise ListenerSpecError(Message("listener.twice", **place))
             taken.add((listener.listen, transport))
 
 
@@ -123,14 +111,8 @@ def _endpoint(text: str, option: str) -> Endpoint:
         raise ListenerSpecError(Message("listener.no-host-in", option=option, address=text, host=f"{host!r}"))
     port = parse_integer(number, 0, 0xFFFF)
     if port is None:
-        raise ListenerSpecError(
-            Message(
-                "listener.bad-port",
-                option=option,
-                address=shortened(text, 80),
-                port=f"{shortened(number, 40)!r}",
-            )
-        )
+        address, shown = shortened(text, 80), f"{shortened(number, 40)!r}"
+        raise ListenerSpecError(Message("listener.bad-port", option=option, address=address, port=shown))
     return Endpoint(host, port)
 
 

@@ -17,13 +17,9 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Open the listeners for the transports of `spec`. Return the listeners' common address, and the
-    listeners. Port 0 selects a free port, which is the same for both transports. The listeners accept no
-    clients until the relay opens the listeners.
-
-    Raises:
-        ProxyListenError: The proxy cannot listen on the address.
-        UnreachableError: The name of the controller cannot be resolved.
+    """Return the common address of the listeners of `spec`, and the listeners. Port 0 selects a free port for
+    both transports. The listeners accept no clients until the relay opens them. Raise the errors of
+    `listen_on` and `resolve`.
     """
     for last in range(_TRIES - 1, -1, -1):
         listeners: list[TcpListener | UdpListener] = []

@@ -1,6 +1,4 @@
-"""TCP clients that have not yet sent a complete first frame. The first frame decides whether a client gets a
-slot.
-"""
+"""TCP clients that have not yet sent a complete first frame, which decides whether they get a slot."""
 
 from __future__ import annotations
 
@@ -19,16 +17,10 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client. The arguments are the socket, the address, the bytes received so far, and
-the time of the last bytes in ns since 1970.
-"""
+"""Function that admits a client, with the bytes received so far, and their time in ns since 1970."""
 
 
 class PendingConnections:
-    """Connected clients that have not sent a complete frame yet. The proxy connects to the controller only
-    when it has received a client's first frame.
-    """
-
     def __init__(self, relay: Relay) -> None:
         self._relay = relay
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
@@ -38,7 +30,7 @@ class PendingConnections:
         return len(self._clients)
 
     def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
-        """Add a client that has just connected. Call `admit` when the client's first frame is complete."""
+        """Call `admit` when the client's first frame is complete."""
         client.setblocking(False)
         descriptor = client.fileno()
         dropped = self._lobby.add(descriptor, address[0])

@@ -15,9 +15,7 @@ READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
 """Bits for the events of a file descriptor, with the same values as in epoll."""
 
 Handler: TypeAlias = Callable[[int], None]
-"""Function that handles the events of a file descriptor. A handler gets the events as the bits of one number,
-such as `READ | WRITE`.
-"""
+"""Function that handles the events of a file descriptor, as bits such as `READ | WRITE`."""
 
 
 class SelectPoller:
@@ -36,7 +34,7 @@ class SelectPoller:
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
         """Return the ready descriptors with their events. A socket with an error counts as ready for writing,
-        so that the socket's handler finds the error.
+        so that its handler finds the error.
         """
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
@@ -58,9 +56,7 @@ def make_poller() -> Poller:
 
 
 def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
-    """Wait like `poller.poll`, but with a resolution of microseconds. epoll's own time limit has a resolution
-    of milliseconds.
-    """
+    """Wait like `poller.poll`, but with a resolution of microseconds instead of epoll's milliseconds."""
     if isinstance(poller, SelectPoller):
         return poller.poll(seconds)
     select.select([poller.fileno()], (), (), seconds)
@@ -68,11 +64,8 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
 
 
 def open_ticker(seconds: float) -> int | None:
-    """Open a file descriptor that becomes readable every `seconds`. Return None if the system is
-    not Linux, or cannot create the timer.
-
-    A poller that watches this descriptor wakes up regularly, even if no poll has a time limit. A poll with a
-    time limit sets a timer, which lengthened a round trip of 21 µs by 1 µs.
+    """Open a file descriptor that becomes readable every `seconds`, if the system can do this. It wakes up a
+    poll without a time limit: a time limit lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None
@@ -98,9 +91,8 @@ class DescriptorWatcher:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may give a new descriptor the number of a descriptor that was just closed. The current poll
-        may still report events of the closed descriptor. To ignore these events, a `handler` for a reused
-        descriptor number starts with the next poll.
+        The system may reuse the number of a descriptor that was just closed, and the current poll may still
+        report events of the closed one. A `handler` for a reused number therefore starts with the next poll.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -116,7 +108,6 @@ class DescriptorWatcher:
             self._poller.unregister(descriptor)
 
     def pause(self, descriptor: int) -> None:
-        """Ignore the events of a file descriptor until `_resume_paused`."""
         self._poller.modify(descriptor, 0)
         self._paused.add(descriptor)
 

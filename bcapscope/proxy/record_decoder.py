@@ -1,10 +1,8 @@
 """Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
-Observations show the client's side: requests as received by the proxy, and replies as sent to the client. The
-decoder yields an observation for a request that a proxy rule dropped, but not for a dropped reply.
-
-For each client, observations of the controller's side begin when the proxy changes, delays or drops a
-message.
+Observations show the client's side: requests as received by the proxy, even if a rule dropped them, and
+replies as sent to the client. Observations of the controller's side begin when the proxy changes, delays or
+drops a message of the client.
 """
 
 from __future__ import annotations
@@ -12,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from itertools import repeat
+from operator import itemgetter
 from typing import TypeAlias
 
 from bcapscope.messages import Message
@@ -34,19 +33,18 @@ from bcapscope.traffic.observation import (
 )
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation, and a note that says what a proxy rule did to the message. The note is None if no rule
-changed the message. An observation of the controller's side has the number 0.
-"""
+"""An observation, and what a proxy rule did to the message. On the controller's side, it has the number 0."""
+
+_offset = itemgetter(0)
 
 _MAX_MARKS = 256
-"""The decoder keeps the arrival times of at most this many pieces of an unfinished frame."""
+"""Maximum number of arrival times that the decoder keeps of an unfinished frame."""
 
 
 class _DirectionStream:
     """One direction of a client's conversation.
 
     Attributes:
-        size: Number of bytes of the stream so far.
         arrival_times: Offsets in the stream, each with the time in ns of the bytes that start there.
         packet: Number of the last packet of the stream in the recording; 0 if the recording has none.
         is_near: Whether the stream is on the client's side.
@@ -63,12 +61,8 @@ class _DirectionStream:
 
 
 class _Client:
-    """A client and the streams of its conversation.
-
-    Attributes:
-        streams: Maps True to the streams of requests, and False to the streams of replies. If a list has two
-            streams, the first stream is on the sender's side.
-        decodes_far_side: Whether `streams` also has the streams on the controller's side.
+    """A client. `streams` maps True to the streams of requests, and False to those of replies. If a list has
+    two streams, the first one is on the sender's side.
     """
 
     def __init__(
@@ -87,7 +81,7 @@ class _Client:
         return not any(stream.splitter.pending_bytes for side in self.streams.values() for stream in side)
 
     def decode_far_side(self) -> Conversation:
-        """Begin to decode the controller's side; return the conversation between proxy and controller."""
+        """Return the conversation between proxy and controller."""
         self.decodes_far_side = True
         for (near,) in self.streams.values():
             near.is_joined = True
@@ -105,13 +99,9 @@ class _Client:
 
 
 class RecordDecoder:
-    """Decodes the records of all clients."""
-
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Start without clients. For each client, the decoder calls `join_legs` before the first observation
-        between proxy and controller. `join_legs` gets the client's conversation with the proxy, and the
-        proxy's conversation with the controller. If `join_legs` is None, the decoder never decodes the
-        traffic between proxy and controller.
+        """Before the first observation between proxy and controller, call `join_legs` with the client's
+        conversation and the controller's. If `join_legs` is None, never decode the controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -122,23 +112,19 @@ class RecordDecoder:
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
-        """Maps the conversation of each connected client to the client's number in the relay."""
         return {client.conversation: number for number, client in self._clients.items()}
 
     @property
     def last_heard(self) -> dict[Conversation, int]:
-        """Time of the last request of each connected client, in ns since 1970."""
+        """Time of each client's last request, in ns since 1970."""
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
     def next_number(self) -> int:
-        """Return the next unused observation number."""
         self.observation_count += 1
         return self.observation_count
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that the relay removed since the last call of this method, each with the
-        reason.
-        """
+        """Return the clients that the relay removed since the last call, each with the reason."""
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
@@ -146,7 +132,7 @@ class RecordDecoder:
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
         """Yield the observations that the records contain. `packets` holds the packet number of each record
-        in the recording; 0 for a record without a packet. Without a recording, `packets` is None.
+        in the recording, 0 for none; it is None without a recording.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
@@ -195,7 +181,7 @@ class RecordDecoder:
             self._closed_clients.append((client.conversation, decode_message(record.data)))
             streams = [stream for side in client.streams.values() for stream in side]
             for stream in sorted(streams, key=lambda stream: stream.is_near):
-                yield from self._flush_direction(stream, record.received_at)
+                yield from self._flush(stream, record.received_at)
 
     def _decode_stream(
         self, stream: _DirectionStream, data: bytes, time: int, note: Message | None
@@ -225,10 +211,10 @@ class RecordDecoder:
             client.conversation.record_end(client.streams[up][0].flow.direction, is_reset, received_at)
         for stream in client.streams[up]:
             if time := received_at if up is stream.is_near else sent_at:
-                yield from self._flush_direction(stream, time)
+                yield from self._flush(stream, time)
 
-    def _flush_direction(self, stream: _DirectionStream, time: int) -> Iterator[NotedObservation]:
-        yield from self._make_observations(stream, stream.splitter.close(), time, None)
+    def _flush(self, stream: _DirectionStream, time: int) -> Iterator[NotedObservation]:
+        return self._make_observations(stream, stream.splitter.close(), time, None)
 
     def _make_observations(
         self, stream: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: Message | None
@@ -253,7 +239,3 @@ class RecordDecoder:
         seen = RelayedObservation(number, time, first_byte_time, stream.flow, item, stream.packet)
         seen.note = note
         return seen
-
-
-def _offset(mark: tuple[int, int]) -> int:
-    return mark[0]

@@ -1,7 +1,5 @@
-"""The relay: one thread that moves bytes between clients and controllers without inspecting them.
-
-The relay writes all traffic into a ring buffer, which another process reads. If the proxy has rules, the
-relay forwards only the data that these rules allow.
+"""The relay: one thread that moves bytes between clients and controllers without inspecting them. It writes
+all traffic into a ring buffer, which another process reads.
 """
 
 from __future__ import annotations
@@ -31,22 +29,17 @@ POLL_INTERVAL = 0.05
 """Interval in seconds at which the relay writes pending records and checks whether to stop."""
 
 _SWEEP_EVERY = 20
-"""Number of `POLL_INTERVAL` periods between two calls of `_sweep`. `_sweep` finds silent clients and full
-buffers, which do not cause events.
-"""
+"""Number of `POLL_INTERVAL` periods between two searches for silent clients and full buffers."""
 
 _LONGEST_NOTE = 4096
 """Maximum size in bytes of a note of a proxy rule."""
 
 _LONGEST_CUT_NOTE = 600
-"""Number of characters that the relay keeps of a note that is too long. A character takes at most six
-bytes.
-"""
+"""Number of characters that the relay keeps of a longer note. A character takes at most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A UDP
-client needs one descriptor. A TCP client needs one descriptor before its first complete frame, and two
-descriptors afterwards.
+client needs one, a TCP client two, or one before its first complete frame.
 """
 
 
@@ -55,11 +48,8 @@ class Relay(DescriptorWatcher):
 
     Attributes:
         counts: Counters in the ring, indexed by `RelayCounter`.
-        policy: The proxy's rules, which decide about each message; None without rules.
         sessions: Open sessions by client number.
-        pending_connections: TCP clients that have not sent a complete frame yet.
-        spares: Spare file descriptors for clients that send a stop.
-        buffer: Receive buffer for all streams, which one thread reads.
+        buffer: Receive buffer for all streams.
         now: Time of a monotonic clock in ns, updated about every `POLL_INTERVAL`.
     """
 
@@ -94,13 +84,11 @@ class Relay(DescriptorWatcher):
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. A caller may be a signal handler, or a function that runs during `run`."""
+        """Make `run` return soon."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Forward traffic until `stop` is called. `idle` is called every `POLL_INTERVAL`, and must
-        not block.
-        """
+        """Forward traffic until `stop` is called. Call `idle` every `POLL_INTERVAL`; it must not block."""
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -144,12 +132,8 @@ class Relay(DescriptorWatcher):
             for listener in self._listeners:
                 listener.close()
 
-    # For listeners and sessions.
-
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th client and so
-        on.
-        """
+        """Count a rejected client. Report only the 1st, 2nd, 4th, 8th client and so on."""
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
@@ -157,8 +141,8 @@ class Relay(DescriptorWatcher):
             self.notify(Message(case, client=str(client), reason=why))
 
     def free_descriptor(self, *, is_admitted: bool = True) -> bool:
-        """Release a spare file descriptor, or disconnect a client to free its descriptor. Return whether a
-        descriptor is now free. `is_admitted` is False for a TCP client that has not sent its first frame.
+        """Release a spare file descriptor, or disconnect a client. Return whether a descriptor is now free.
+        `is_admitted` is False for a TCP client that has not sent its first frame.
         """
         return (
             (not is_admitted and self.spares.release_one(keep=1))
@@ -168,7 +152,7 @@ class Relay(DescriptorWatcher):
         )
 
     def add_client(self, session: RelaySession, ends: ClientEndpoints, received_at: int) -> None:
-        """Register a new client, whose first bytes arrived at `received_at` in ns since 1970."""
+        """Register a client, whose first bytes arrived at `received_at` in ns since 1970."""
         self.counts[RelayCounter.CLIENTS] += 1
         self.sessions[session.number] = session
         if ends.transport is Transport.TCP:
@@ -178,9 +162,7 @@ class Relay(DescriptorWatcher):
             self.policy.add_client(session.number, session.conversation, time.monotonic_ns())
 
     def remove_client(self, session: RelaySession, why: Message) -> None:
-        """Drop the data of a client. The next tick writes the `CLIENT_CLOSED` record, so that this record
-        follows the client's last data.
-        """
+        """Drop the data of a client. The next tick writes `CLIENT_CLOSED`, after the client's last data."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)
@@ -194,7 +176,6 @@ class Relay(DescriptorWatcher):
         self.ring.write_required(RingRecordKind.NOTICE, 0, encode_message(message), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
-        """Ask the proxy's rules about received data, and carry out their decision."""
         assert self.policy is not None
         decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
         if decision.waiting:
@@ -225,20 +206,18 @@ class Relay(DescriptorWatcher):
         self._perform(decision.actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Report the end of a stream to the proxy's rules. Return whether the session may forward the FIN
-        now."""
+        """Report the end of a stream to the rules. Return whether the session may forward the FIN now."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
         return not self.holds(session, up)
 
     def holds(self, session: RelaySession, up: bool) -> bool:
-        """Return whether the proxy holds data of a direction. A session must not forward a FIN before the
-        held data."""
+        """Return whether the session must not forward a FIN yet, because the proxy holds data."""
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a half-open fault prevents the session from forwarding any FIN or RST."""
+        """Return whether a half-open fault hides every FIN and RST."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
@@ -249,8 +228,8 @@ class Relay(DescriptorWatcher):
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Before a client is disconnected, send the held messages that the rules release. Return whether the
-        relay sent any message.
+        """Before a client is disconnected, send the held messages that the rules release. Return whether
+        there were any.
         """
         if self.policy is None or session.number not in self.sessions:
             return False
@@ -320,8 +299,7 @@ class Relay(DescriptorWatcher):
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Update `now` only after `_sweep`. After a long pause of the relay, `_sweep` must not remove clients
-        # whose data the relay has not read yet.
+        # only after `_sweep`: after a long pause, `_sweep` must not remove clients with unread data
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -342,8 +320,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; return b"" for None. If a note is too long, encode only the first
-    `_LONGEST_CUT_NOTE` characters of its English text."""
+    """Encode a note for the ring; b"" for None. If it is too long, encode the start of its English text."""
     if note is None:
         return b""
     data = encode_message(note)

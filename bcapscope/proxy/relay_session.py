@@ -26,17 +26,12 @@ if TYPE_CHECKING:
 
 
 class ClientDeniedError(BcapError):
-    """The proxy rejects a new client, because no slot or file descriptor is free."""
+    """No slot or file descriptor is free for a new client."""
 
 
 class RelaySession(ABC):
-    """The relay's session with one client. The session forwards data between the client and the controller.
-
-    Attributes:
-        number: Number of the client; no other client gets this number.
-        conversation: Conversation between the client and the controller, as if there were no proxy.
-        source: Network of the client, as `source_network` returns it.
-        last_heard: Value of `Relay.now` when the client last sent something.
+    """Forwards data between one client and the controller. `conversation` is theirs, as if there were no
+    proxy. `last_heard` is the value of `Relay.now` when the client last sent something.
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
@@ -53,14 +48,12 @@ class RelaySession(ABC):
 
     @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
-        """Send data to the controller (`up`) or to the client. Return the time of sending in ns since 1970; 0
-        if part of the data still waits.
+        """Send data to the controller (`up`) or to the client. Return the time in ns since 1970; 0 if part of
+        the data still waits.
         """
 
     def resume(self) -> None:  # noqa: B027 - a UDP session never pauses, and needs no code here
-        """Continue after the rules have released held data: forward a delayed FIN, and read from paused
-        sockets again.
-        """
+        """After the rules have released held data, forward a delayed FIN, and read from paused sockets."""
 
     @abstractmethod
     def sweep(self, now: int) -> None:
@@ -68,32 +61,20 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle; None if the proxy must not evict this client for
-        another client.
-        """
+        """Return how many ns the client has been idle; None if it must not be evicted for another client."""
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that the rules release, then close the session and release its slot. With
-        `reset`, reset a stream."""
+        """Send the held messages that the rules release, then close the session; `reset` resets a stream."""
 
 
 class ClientListener(ABC):
-    """A socket that accepts clients for one controller.
-
-    Attributes:
-        controller: Address family and socket address of the controller.
-        to: Host and port of the controller.
-        address: Host and port on which the socket listens.
+    """A socket that accepts clients for one controller. `controller` is the controller's address family and
+    socket address.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, transport: Transport) -> None:
-        """Open the socket for clients.
-
-        Raises:
-            ProxyListenError: The proxy cannot listen on the address.
-            UnreachableError: The name of the controller cannot be resolved.
-        """
+        """Open the socket. Raise the errors of `resolve` and `listen_on`."""
         self.relay = relay
         self.controller = resolve(spec.to, transport)
         self.to = endpoint_of(self.controller[1])
@@ -107,7 +88,6 @@ class ClientListener(ABC):
         """Start to accept clients."""
 
     def close(self) -> None:
-        """Accept no more clients."""
         self.relay.unwatch(self.socket.fileno())
 
     def release(self) -> None:
@@ -122,10 +102,6 @@ class ClientListener(ABC):
     ) -> tuple[socket.socket, ClientSlot]:
         """Find a slot for a new client at the address `host`, and open a socket toward the controller. If the
         client's first frame is a stop and no file descriptor is free, disconnect another client.
-
-        Raises:
-            ClientDeniedError: No slot is free, or the last file descriptors must stay free for stops.
-            OSError: The socket cannot be opened.
         """
         relay = self.relay
         slot = relay.slots[self._transport].find_slot(host, relay.now, is_stop)
@@ -148,8 +124,8 @@ class ClientListener(ABC):
 
 
 class ClientEndpoints(NamedTuple):
-    """Addresses of the two connections of a client: from `client` to the proxy at `listen`, and from the
-    proxy at `upstream` to the controller.
+    """Addresses of the connections from `client` to the proxy at `listen`, and from the proxy at `upstream`
+    to the controller.
     """
 
     transport: Transport

@@ -35,9 +35,7 @@ _COMMANDS = {
 
 
 class GuardTarget(NamedTuple):
-    """Which requests to block or allow: those that call a function, a command (in lower case), or one command
-    of a function. None means any function or any command.
-    """
+    """Requests to block or allow: those of a function, a command in lower case, or both; None for any."""
 
     function_id: int | None
     command: str | None
@@ -48,11 +46,8 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return True if at least one controller could interpret a request as a call of this `GuardTarget`.
-
-        Args:
-            command: Command of the request; None if the command is unknown. Like orin_bcap's C code, this
-                method ignores text after a NUL, and blanks around the command.
+        """Return True if a controller could interpret a request as a call of this target. An unknown
+        `command` is None. Like orin_bcap's C code, ignore text after a NUL, and blanks around the command.
         """
         if self.function_id not in (None, function_id):
             return False
@@ -64,9 +59,7 @@ class GuardTarget(NamedTuple):
 
 
 def read_target(text: str) -> GuardTarget:
-    """Parse a target: ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command. If
-    there is no such function or command, raise an `InputError`.
-    """
+    """Parse a target: ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command."""
     name, colon, command = text.partition(":")
     function_id = _FUNCTIONS.get(name.casefold())
     if colon:
@@ -84,9 +77,7 @@ def read_target(text: str) -> GuardTarget:
 
 
 class GuardResult(NamedTuple):
-    """Result of the guard: the bytes of the frames that pass, the refused frames with their reasons, and the
-    number of bytes that do not belong to a frame.
-    """
+    """The bytes of the frames that pass, the refused frames, and the number of bytes that are not a frame."""
 
     passing: bytes
     refused: tuple[tuple[Frame, Message], ...]
@@ -111,7 +102,6 @@ class RequestGuard:
         self._kinds = CallKinds()
 
     def filter_frames(self, data: bytes) -> GuardResult:
-        """Split a datagram, or a piece of a stream, into frames that pass and frames that are refused."""
         passing, refused, dropped = [], [], 0
         for item in parse_datagram(data, self._templates):
             if not isinstance(item, Frame):
@@ -125,11 +115,10 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers interpret a damaged frame in different ways. Like orin_bcap's C, C#, Java and Python code,
-        some controllers decode the value of an argument to find the end of the argument. Other controllers,
-        and the older C client, find the end from the length field of the argument. The guard refuses a
-        damaged frame if the guard would refuse one of the possible interpretations. Bytes inside the value of
-        an argument are data: no controller takes these bytes for a frame.
+        The guard refuses a damaged frame if it would refuse one of the possible interpretations. To find the
+        end of an argument, some controllers decode its value, like orin_bcap's C, C#, Java and Python code.
+        Others, and the older C client, read its length field. No controller takes bytes inside the value of
+        an argument for a frame.
         """
         if _only_stops(request):
             return None
@@ -178,9 +167,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A plain frame has its number of arguments where a compressed frame has a zlib header. The smallest
-    zlib header (bytes 78 01) means 376 arguments in a plain frame. A compressed frame is unambiguous if its
-    zlib header would mean too many arguments for its length.
+    A plain frame has its number of arguments where a compressed frame has a zlib header, which reads as 376
+    or more. A compressed frame is unambiguous if that would be too many arguments for its length.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

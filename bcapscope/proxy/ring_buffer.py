@@ -1,9 +1,8 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
-the record is lost and counted. One process writes and one process reads. The processor may store the new
-write position before the record itself. A reader leaves a new record in the ring until the next poll,
-because the record may still be incomplete.
+the record is lost and counted. The processor may store the new write position before the record itself, so a
+reader leaves a new record in the ring until the next poll.
 """
 
 from __future__ import annotations
@@ -22,9 +21,8 @@ _HEADER_SIZE = 4096
 """Size in bytes of the header, which holds the positions in the ring, `urgency`, `counts` and `figures`."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes of shared memory after the last byte of the ring. A record near the end of the ring may
-extend into the margin, so that no record is ever split. `RING_OVERHEAD` is a multiple of every page size,
-because systems may round shared memory up to whole pages.
+"""Number of bytes after the ring. A record near the end of the ring extends into them, so that no record is
+split. `RING_OVERHEAD` is a multiple of every page size, because systems round shared memory up to pages.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
@@ -32,17 +30,13 @@ SET_POINT_DEADLINE_NS = 2_000_000
 mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that the relay collects before it writes these datagrams to the ring. While the relay
-writes to the ring, new datagrams wait.
-"""
+"""Number of datagrams that the relay collects before it writes them to the ring."""
 
 DELAY_FIGURES = 9
-"""Number of values that the watcher process writes for the relay. The values are the fields of `RelayDelays`,
-in the same order.
-"""
+"""Number of values that the watcher process writes for the relay: the fields of `RelayDelays`, in order."""
 
 MAX_WAITING_NOTICES = 1024
-"""If the number of waiting records reaches this limit, further messages for the user are lost and counted."""
+"""If this many records wait, further messages for the user are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _HOLE = struct.Struct("=QQ")
@@ -58,14 +52,13 @@ class RingRecordKind(IntEnum):
     CLIENT_OPENED = 1
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
     END = 2
-    """A FIN that the relay received or sent. If the relay itself ended the stream, `data` is the reason."""
+    """A FIN that the relay received or sent. If the relay ended the stream, `data` is the reason."""
     CLIENT_CLOSED = 3
     """The relay removed a client; `data` is the encoded reason."""
     NOTICE = 4
     """A message for the user, encoded with `encode_message`."""
     RESET = 5
-    """An RST, which ends both directions of the connection. If the relay itself reset the connection, `data`
-    is the reason."""
+    """An RST, which ends both directions. If the relay reset the connection, `data` is the reason."""
     HOLE = 6
     """Bytes of a stream that are missing because the ring was full; see `hole_sizes`."""
 
@@ -87,14 +80,13 @@ class RelayCounter(IntEnum):
     LOST = 7
     """Datagrams that the operating system dropped because the receive buffer of a socket was full."""
     DENIED = 8
-    """Datagrams and connections that the proxy rejected, because the client is not allowed or there are too
-    many clients."""
+    """Rejected datagrams and connections."""
     CLIENTS = 9
     """Clients since the start."""
     UNWATCHED = 10
     """Records that were lost because the ring was full."""
     RULED = 11
-    """Number of times that a rule of the proxy affected a received datagram or piece of a stream."""
+    """Received datagrams and pieces of streams that a rule of the proxy affected."""
 
 
 _RECEIVED, _SENT = (
@@ -106,17 +98,15 @@ _KINDS = tuple(RingRecordKind)
 
 
 class RingRecord(NamedTuple):
-    """One event in the relay.
+    """One event in the relay. Times are in ns since 1970.
 
     Attributes:
         up: True from client to controller, False from controller to client.
         client: Number of the client; 0 if the event concerns no client.
-        received_at: Time at which the data was received or the event occurred, in ns since 1970; 0 for data
-            that was only sent.
-        sent_at: Time just before sending, in ns since 1970, so that a reply is never older than its request;
-            0 for data not sent yet.
+        received_at: Time of receipt or of the event; 0 for data that was only sent.
+        sent_at: Time just before sending, so that a reply is never older than its request; 0 if not sent yet.
         data: Content of the record, as `kind` defines it.
-        note: What a rule did to the data, encoded with `encode_message`; b"" if no rule affected the data.
+        note: What a rule did to the data, encoded with `encode_message`; b"" without effect.
     """
 
     kind: RingRecordKind
@@ -129,16 +119,13 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many received bytes, and how many sent bytes, a `HOLE` record reports as missing from the
-    ring."""
+    """Return how many received, and how many sent bytes are missing according to a `HOLE` record."""
     received, sent = _HOLE.unpack(record.data)
     return received, sent
 
 
 class _Hole(NamedTuple):
-    """Counts the received and the sent bytes of one direction that are missing in the ring. `received_at` and
-    `sent_at` are the times in ns of the last missing bytes.
-    """
+    """Numbers of missing bytes of one direction, and the times in ns of the last ones."""
 
     received: int = 0
     sent: int = 0
@@ -148,8 +135,7 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory, initially all zero. The size of the memory is `RING_OVERHEAD` plus a multiple of
-        8 bytes."""
+        """Use shared memory, initially all zero, with `RING_OVERHEAD` plus a multiple of 8 bytes."""
         self._marks = memory[:_HEADER_SIZE].cast("Q")
         self._space = memory[_HEADER_SIZE:]
         self._size = len(memory) - RING_OVERHEAD
@@ -167,7 +153,7 @@ class _Ring:
 
     @property
     def urgency(self) -> int:
-        """How urgently the watcher process must read, as a number of `WatcherUrgency`. The relay sets it."""
+        """How urgently the watcher must read, as a number of `WatcherUrgency`. The relay sets it."""
         return self._marks[_URGENCY]
 
     @urgency.setter
@@ -183,9 +169,7 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Datagram that is not in the ring yet. The fields are: whether the datagram goes to the controller, the
-client's number, the ancillary data, the time of sending in ns (0 if not sent), and the bytes.
-"""
+"""Fields: whether it goes to the controller, client, ancillary data, time of sending in ns or 0, bytes."""
 
 
 class RingWriter(_Ring):
@@ -194,10 +178,8 @@ class RingWriter(_Ring):
     Attributes:
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
-        pending_datagrams: Datagrams that are not in the ring yet. The relay appends datagrams, and calls
-            `flush` once `BATCH_SIZE` datagrams are pending.
-        streams: Numbers of the TCP clients. If bytes of a TCP client do not fit into the ring, the writer
-            records a hole.
+        pending_datagrams: Datagrams to which the relay appends until it calls `flush`.
+        streams: Numbers of the TCP clients, whose bytes leave a hole if they do not fit into the ring.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -240,7 +222,7 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Number of bytes that the faster of the two readers has read so far."""
+        """Number of bytes that the faster reader has read so far."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
@@ -293,9 +275,8 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the `HOLE` records of a client. If the ring lacks room for these records and the client's
-        next record, write nothing and return False. `size` is the length in bytes of the next record's data
-        and note. One long `HOLE` record is better than many short `HOLE` records.
+        """Write the `HOLE` records of a client. If the ring lacks room for these records and the next record,
+        with `size` bytes of data and note, write nothing and return False: one long hole is better than many.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -336,12 +317,10 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write a record that must not be lost, as soon as the ring has room. Later records wait until this
-        record is written.
+        """Write a record that must not be lost, as soon as the ring has room. Later records wait for it.
 
-        The number of waiting records is limited even if the reader stops. If a client disconnects while its
-        `CLIENT_OPENED` record still waits, the client's waiting records are discarded. If too many records
-        wait, messages for the user are lost.
+        Even if the reader stops, the number of waiting records is limited: a client that disconnects while
+        its `CLIENT_OPENED` record waits leaves no records, and messages for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -355,9 +334,7 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Discard a client's waiting records, unless its `CLIENT_OPENED` record is already in the ring.
-        Return whether the records were discarded.
-        """
+        """Discard a client's waiting records if its `CLIENT_OPENED` record is among them."""
         if not any(
             kind is RingRecordKind.CLIENT_OPENED and number == client
             for kind, _, number, *_ in self._required
@@ -384,27 +361,21 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """One of the watcher's two readers of the ring. `position` is the number of bytes that the reader has
-    read so far.
-    """
+    """One of the watcher's two readers of the ring. `position` is the number of bytes that it has read."""
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning of the ring. If `ahead` is True, records stay in the ring after this reader
-        has read them.
-        """
+        """Read from the beginning. With `ahead`, records stay in the ring after this reader has read them."""
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ
 
     @property
     def bytes_waiting(self) -> int:
-        """Number of bytes in the ring that this reader has not read yet."""
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
         """Return at most `limit` records. A record that may still be incomplete stays in the ring until the
-        next call. If `until` is not None, return only records before the position `until`. The caller
-        must choose an `until` up to which another `RingReader` has already read.
+        next call. With `until`, a position up to which another reader has read, stop there.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -1,9 +1,5 @@
-"""The relay's policy: scripts, intercept, faults and guard, in this order.
-
-The guard comes last, so it checks the bytes that the controller receives.
-
-This module uses no clock and no socket. The policy splits a stream into frames only while a rule needs
-frames.
+"""The relay's policy: scripts, intercept, faults and guard, in this order. The guard comes last, so it checks
+the bytes that the controller receives. The policy splits a stream into frames only while a rule needs frames.
 """
 
 from __future__ import annotations
@@ -40,9 +36,8 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 _LONGEST_JOINED = 1 << 16
-"""Maximum size in bytes of the stream data that the policy joins into one `SendAction`. Larger data would be
-slow to join, because each join copies all bytes. The ring also limits the size of a record (see `_MARGIN` in
-`ring_buffer`).
+"""Maximum size in bytes of the stream data that the policy joins into one `SendAction`. Each join copies all
+bytes, and the ring limits the size of a record (see `_MARGIN` in `ring_buffer`).
 """
 
 
@@ -51,8 +46,6 @@ class RulePolicy:
     Only `close` may block. Times are in ns of a monotonic clock.
 
     Attributes:
-        shaper: Applies the faults to messages.
-        scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         refused_requests: Number of requests that the guard or the policy refused. The policy refuses motions
             while the scripts are off, and motions that a stop has overtaken.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
@@ -68,7 +61,7 @@ class RulePolicy:
         *,
         epoch: int = 0,
     ) -> None:
-        """Set up the rules. A time of the relay's clock plus `epoch` gives ns since 1970."""
+        """A time of the relay's clock plus `epoch` gives ns since 1970."""
         self.shaper = shaper
         self.intercept = intercept or Intercept()
         self.scripts = scripts
@@ -86,10 +79,7 @@ class RulePolicy:
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
 
-    # The relay calls the following methods.
-
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Register a client under a number that no other client gets."""
         self._clients[client] = self._states[conversation] = {
             each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
         }
@@ -97,7 +87,6 @@ class RulePolicy:
             self.scripts.send_connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
-        """Decide about a datagram, or about the next bytes of a stream."""
         state = self._clients[client][direction]
         state.piece_count += 1
         state.last_piece_at = now
@@ -112,8 +101,8 @@ class RulePolicy:
         return work
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether rules hold data of this direction. The relay must not forward a FIN before the held
-        data. The client may already have disconnected.
+        """Return whether the relay must not forward a FIN yet, because rules hold data. The client may
+        already have disconnected.
         """
         state = self._clients.get(client, {}).get(direction)
         return state is not None and (
@@ -125,13 +114,13 @@ class RulePolicy:
         )
 
     def is_full(self, client: int) -> bool:
-        """Return whether the relay must stop reading from a client, because the rules hold too much data."""
+        """Return whether the relay must stop reading from a client."""
         return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Apply the rules to an incomplete frame at the end of a stream. Return the resulting actions."""
+        """Apply the rules to an incomplete frame at the end of a stream."""
         state, work = self._clients[client][direction], PolicyDecision(client)
         state.has_ended = True
         for piece in state.take_incomplete():
@@ -140,18 +129,14 @@ class RulePolicy:
         return work.actions
 
     def hides_end(self, client: int) -> bool:
-        """Return whether a half-open fault blocks the client's conversation. The relay must not forward a FIN
-        or RST of a blocked conversation.
-        """
+        """Return whether a half-open fault hides each FIN and RST of the client's conversation."""
         state = self._clients.get(client, {}).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """Remove the waiting messages of a client that leaves. Return the actions that the relay must still
-        do for the client.
-
-        The proxy sends waiting replies and stop requests, but drops all other waiting requests. If a
-        half-open fault blocks the client's conversation, the proxy drops all waiting messages.
+        do: send replies and stops. All other requests are dropped, as are all messages of a blocked
+        conversation.
         """
         work = PolicyDecision(client)
         lost: list[Frame | bytes] = []
@@ -178,7 +163,6 @@ class RulePolicy:
         return work.actions
 
     def remove_client(self, client: int, now: int) -> None:
-        """Forget a client, and drop all its data that the rules still hold."""
         self.release_held(client, now)
         conversation = self._clients.pop(client)[Direction.REQUEST].flow.conversation
         del self._states[conversation]
@@ -220,28 +204,24 @@ class RulePolicy:
             self.scripts.finish(now)
 
     def report(self) -> Sequence[Message]:
-        """Return a summary of what the rules did, one message per line."""
         return report_lines(self)
 
-    # `ScriptProcess` calls the following method.
-
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply the decisions in `data` from the scripts' process. `data` is empty if the scripts' process
-        has ended. `pop_due_actions` returns the resulting actions.
+        """Apply the decisions in `data` from the scripts' process; b"" if it has ended. `pop_due_actions`
+        returns the resulting actions.
         """
         if self.scripts is not None:
             decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)
             self._apply_script_decisions(decisions, now)
 
-    # The control socket and the screen call the following methods.
-
     def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """For each client, yield the states of its request direction and of its response direction."""
+        """Yield the states of each client's requests and responses."""
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._clients.values())
 
     def on_rules_changed(self, now: int) -> None:
-        """Call this method after each change of the faults or of the intercept. If no rule needs whole frames
-        any more, forward the incomplete frames."""
+        """After a change of the faults or of the intercept: if no rule needs whole frames any more, forward
+        the incomplete frames.
+        """
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
         split = [state for pair in self.clients() for state in pair if state.splitter is not None]
@@ -252,8 +232,8 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message, or `data` in its place. The faults and the guard still apply to the
-        forwarded bytes. If no message with this number is held, raise a `KeyError`.
+        """Forward a held message, or `data` in its place, through faults and guard. If no message with this
+        number is held, raise a `KeyError`.
         """
         held = self.intercept.release(number, now, data)
         case = "held.sent" if data is None or data == held.data else "held.edited"
@@ -263,8 +243,6 @@ class RulePolicy:
     def drop_held(self, number: int, now: int) -> None:
         """Drop a held message and its retries. If no message with this number is held, raise a `KeyError`."""
         self.intercept.release(number, now, b"")
-
-    # messages
 
     @property
     def _inspects_frames(self) -> bool:
@@ -286,8 +264,7 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: PolicyDecision
     ) -> WireMessage | None:
-        """Pass a message to the scripts. Return the message to forward now, or None if it waits or is
-        dropped."""
+        """Pass a message to the scripts. Return it if it must be forwarded now."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message
@@ -349,8 +326,7 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
     ) -> WireMessage | None:
-        """Refuse the frames of a request that may move the robot. Return the frames that were not refused;
-        None if all were refused."""
+        """Refuse the frames that may move the robot. Return the others; None if all were refused."""
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
         if not refused:
@@ -388,7 +364,6 @@ class RulePolicy:
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
-        """Mark held requests as abandoned if their client has ended its connection."""
         if state.has_ended and state.flow.direction is Direction.REQUEST:
             self.intercept.mark_abandoned(state.flow, Message("held.client-ended"))
 
@@ -409,8 +384,8 @@ class RulePolicy:
                 work.actions.append(CloseAction(client, output.how is CloseMode.RESET, note))
 
     def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
-        """Forward a message. The guard checks a request before the proxy forwards it. In a stream, successive
-        pieces are joined if no proxy rule changed any of these pieces.
+        """Forward a message, after a check of requests by the guard. In a stream, join successive pieces if
+        no rule changed any of them.
         """
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:

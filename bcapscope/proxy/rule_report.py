@@ -19,7 +19,6 @@ _MAX_NAMED = 8
 
 
 def report_lines(rules: RulePolicy) -> list[Message]:
-    """Return the lines of a summary of what the proxy's rules did."""
     lines = [
         Message("rules.injected", name=name, times=_times(count))
         for name, count in rules.shaper.hit_counts.items()
@@ -39,8 +38,8 @@ def report_lines(rules: RulePolicy) -> list[Message]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the names of the lost requests, with a count for each name. All lost data without a frame is
-    counted under one name. The list has only the `_MAX_NAMED` most frequent names.
+    """Return the most frequent names of the lost requests, with a count for each name. All data without a
+    frame has one name.
     """
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED

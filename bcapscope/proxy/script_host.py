@@ -1,5 +1,4 @@
-"""The process in which the scripts run. It receives orders from the proxy, and sends the answers of the
-scripts."""
+"""The process in which the scripts run: it receives orders from the proxy, and sends the scripts' answers."""
 
 from __future__ import annotations
 
@@ -32,15 +31,9 @@ _READ = 1 << 16
 def main(
     descriptor: int | None, traces: int | None, parent: int, paths: Sequence[str], megabytes: int
 ) -> None:
-    """Run scripts until the proxy ends. This is the entry point of the process.
-
-    Args:
-        descriptor: File descriptor of the socket to the proxy; None on Windows, where the process reads a
-            description of the socket from standard input.
-        traces: File descriptor to which the process writes its current script line on SIGUSR1; None on
-            Windows.
-        parent: Process id of the proxy.
-        megabytes: Maximum memory that the process may allocate, in megabytes.
+    """Run scripts until the proxy with the process id `parent` ends. `descriptor` is the socket to the proxy;
+    None on Windows, where standard input describes the socket. On SIGUSR1, the process writes its current
+    script line to the file descriptor `traces`, if possible.
     """
     proxy = _shared_socket() if descriptor is None else socket.socket(fileno=descriptor)
     try:
@@ -73,8 +66,7 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Limit the memory of this process. Prepare the process to report its current script line, and to end
-    when the proxy ends."""
+    """Limit the memory of this process, and make it report its script line and end with the proxy."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # the proxy had already ended before prctl took effect
@@ -90,7 +82,6 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
 
 
 def _limit_memory(size: int) -> None:
-    """Limit the memory that this process can allocate, if the operating system supports a limit."""
     if sys.platform == "win32":
         return
     import resource  # noqa: PLC0415 - Windows has no such module

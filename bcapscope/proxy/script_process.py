@@ -32,19 +32,15 @@ if TYPE_CHECKING:
     from bcapscope.proxy.rule_policy import RulePolicy
 
 DEFAULT_MEMORY_MB = 512
-"""Megabytes that the process of the scripts may allocate by default.
-
-Python needs 20 MB. NumPy needs 200 MB on a machine with 4 processors, and more memory with more processors.
-The limit includes the stacks of NumPy's threads.
+"""Megabytes that the process of the scripts may allocate by default. Python needs 20 MB. NumPy with its
+threads needs 200 MB on a machine with 4 processors, and more with more processors.
 """
 
 LOADS_WITHIN = 30.0
 """Time limit in seconds for loading the scripts."""
 
 FINISHES_WITHIN = 3.0
-"""Time limit in seconds for the scripts when the proxy ends. In this time, the scripts handle the last
-messages and run the hook `done`.
-"""
+"""Time limit in seconds for the scripts to handle the last messages and run the hook `done`."""
 
 _POLL_INTERVAL = 0.05
 _EXIT_DELAY = 0.05
@@ -58,9 +54,10 @@ _START = (
 
 
 class ScriptProcess:
-    """A process that runs the user's scripts, and the proxy's connection to it. `names` has the file names of
-    the scripts, for messages to the user.
-    """
+    """A process that runs the user's scripts, and the proxy's connection to it."""
+
+    _rules: RulePolicy
+    _relay: DescriptorWatcher
 
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
         """Start the process. If the system cannot start the process, raise a `ScriptError`."""
@@ -70,8 +67,6 @@ class ScriptProcess:
         self._loads_until = time.monotonic() + LOADS_WITHIN
         self._backlog = bytearray()
         self._waits_to_write = False
-        self._rules: RulePolicy | None = None
-        self._relay: DescriptorWatcher | None = None
         self._watcher: DescriptorWatcher | None = None
         self._traces: int | None = None
         try:
@@ -90,7 +85,7 @@ class ScriptProcess:
             code = _START.format(path=sys.path, argv=sys.argv, arguments=arguments)
             return [sys.executable, "-c", code]
 
-        # On Windows, a new process cannot inherit a socket, and cannot report which script line it executes.
+        # on Windows, a new process can neither inherit a socket nor report which script line it executes
         if sys.platform == "win32":
             process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
             assert process.stdin is not None
@@ -110,8 +105,8 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False if loading takes longer than `seconds`. Call
-        `attach` first. If a script fails to load or has no add-on, raise a `ScriptError`.
+        """Wait until the scripts are loaded, but at most `seconds`. Return whether they are. Call `attach`
+        first. If a script fails to load or has no add-on, raise a `ScriptError`.
         """
         until = time.monotonic() + seconds
         try:
@@ -135,9 +130,7 @@ class ScriptProcess:
         except WireError as error:
             reason = Message("script.named-invalid", names=self.names, reason=error.message)
             raise ScriptError(reason) from None
-        assert self._rules is not None
         assert self._rules.scripts is not None
-        assert self._relay is not None
         self._rules.scripts.on_loaded(statement.hooks)
         self._watcher = self._relay
         self._relay.watch(self._socket.fileno(), self._on_ready)
@@ -145,16 +138,14 @@ class ScriptProcess:
 
     def _load_error(self, what: Message) -> ScriptError:
         """End the process, and return an error that says why its scripts cannot be used."""
-        # Wait briefly, because the exit code and the reported script line may arrive late.
-        time.sleep(_EXIT_DELAY)
+        time.sleep(_EXIT_DELAY)  # the exit code and the reported script line may arrive late
         reason = joined_clauses((what, *self.end()))
         assert reason is not None
         return ScriptError(reason)
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
-        """Connect the process to the relay and to the proxy's rules, which apply the scripts' decisions.
-
-        `is_interrupted` returns True if a signal during the shutdown asks the proxy to end immediately.
+        """Connect the process to the relay and to the proxy's rules. `is_interrupted` returns True if a
+        signal during the shutdown asks the proxy to end immediately.
         """
         self._rules = rules
         self._relay = relay
@@ -167,7 +158,7 @@ class ScriptProcess:
         self._flush()
 
     def receive(self) -> bytes | None:
-        """Return the bytes that have arrived; None if there are none yet, b"" if the process has ended."""
+        """Return the bytes that have arrived; None if there are none, b"" if the process has ended."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -181,17 +172,15 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """Kill the process. If the process had already ended, return the reason. If the last executed script
-        line is known, also return this line.
-        """
+        """Kill the process. Return the reason if it had already ended, and its last script line if known."""
         code = self._exit_code()
         self._kill()
         found = None if code is None else _exit_message(code), self._script_location()
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send `frame`, which tells the scripts to finish. Pass received bytes to `is_done` until `is_done`
-        returns True. Return whether `is_done` returned True within `FINISHES_WITHIN`.
+        """Send `frame`, which tells the scripts to finish. Pass received bytes to `is_done` until it returns
+        True. Return whether it did so within `FINISHES_WITHIN`.
         """
         self._unwatch()
         self.send(frame)
@@ -223,16 +212,13 @@ class ScriptProcess:
         if happened & ~WRITE:
             data = self.receive()
             now = time.monotonic_ns()
-            assert self._rules is not None
             if data == b"":
                 self._unwatch()
             if data is not None:
                 self._rules.on_script_data(data, now)
 
     def _flush(self) -> None:
-        """Write as many pending bytes as fit into the socket's buffer. The relay calls `_flush` again when
-        the buffer has room.
-        """
+        """Write as many pending bytes as fit into the socket's buffer."""
         try:
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -271,7 +257,7 @@ class ScriptProcess:
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> Message | None:
-        """Return the script line that the process reported last, or at which it crashed; None if unknown."""
+        """Return the script line that the process reported last, or at which it crashed."""
         if self._traces is None:
             return None
         try:
@@ -285,7 +271,6 @@ class ScriptProcess:
 
 
 def _exit_message(code: int) -> Message:
-    """Describe the unexpected end of a process: its exit code, or the signal that ended the process."""
     if code >= 0:
         return Message("script.exit-code", code=code)
     try:

@@ -1,8 +1,5 @@
-"""Messages between the proxy and the scripts' process. Each message begins with its length in four bytes;
-MessagePack data follows.
-
-The process runs the user's code, so the proxy does not trust the data that the process sends. This module
-checks types and lengths. Nothing in a message can run code.
+"""Messages between the proxy and the scripts' process: a length in four bytes, then MessagePack data. The
+process runs the user's code, so this module checks types and lengths, and nothing in a message can run code.
 """
 
 from __future__ import annotations
@@ -21,9 +18,7 @@ LARGEST_FRAME_SIZE = 32 << 20
 """Maximum size of one message in bytes: twice the size of the largest b-CAP frame that bcapscope reads."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""Maximum number of messages for the user in one answer; also the maximum length of each value in a
-message.
-"""
+"""Maximum number of messages for the user in one answer, and maximum length of each value in a message."""
 
 _HEAD = 4
 
@@ -33,11 +28,11 @@ _Result = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)]
 
 
 class ScriptError(BcapError):
-    """A script failed to load, or has no add-on. The error names the file and the reason."""
+    """A script failed to load, or has no add-on."""
 
 
 class WireError(BcapError):
-    """The received bytes are not a message of this protocol. The error states the reason."""
+    """The received bytes are not a message of this protocol."""
 
 
 class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
@@ -45,9 +40,7 @@ class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class ClientConnected(_WireFrame, frozen=True):
-    """A client sent its first message. `ends` holds the client's host and port, then the controller's host
-    and port.
-    """
+    """A client sent its first message. `ends` are the addresses of the client and the controller."""
 
     client: int
     ends: tuple[tuple[str, int], tuple[str, int]]
@@ -55,12 +48,8 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """Passes a message of a client or controller to the scripts.
-
-    Attributes:
-        up: True if the message goes to the controller, False if it goes to the client.
-        data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
-        now: Time of receipt in ns of the relay's clock; `time` is in ns since 1970.
+    """Passes a datagram, a frame of a stream, or bytes that are not a frame to the scripts. It goes `up` to
+    the controller, or to the client. `now` is in ns of the relay's clock, `time` in ns since 1970.
     """
 
     client: int
@@ -71,15 +60,11 @@ class MessageShown(_WireFrame, frozen=True):
 
 
 class ClientGone(_WireFrame, frozen=True):
-    """A client is gone."""
-
     client: int
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """Makes the scripts complete all calls whose clients no longer wait for a reply. `time` is the current
-    time in ns since 1970.
-    """
+    """Completes all calls whose clients no longer wait at `time`, in ns since 1970."""
 
     time: int
 
@@ -89,9 +74,7 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""Instruction from the proxy to the scripts' process. The process sends one answer to each instruction, to
-the oldest instruction first.
-"""
+"""Instruction from the proxy to the scripts' process, which answers each instruction once, in order."""
 
 
 class WireSentence(_WireFrame, frozen=True):
@@ -112,14 +95,10 @@ def wire_sentence(message: Message) -> WireSentence:
 
 
 class ScriptsLoaded(_WireFrame, frozen=True):
-    """The scripts are loaded and usable. `hooks` holds the names of the hooks that the scripts define."""
-
     hooks: frozenset[str]
 
 
 class ScriptsUnusable(_WireFrame, frozen=True):
-    """A script failed to load, or has no add-on. `reason` names the script and the cause."""
-
     reason: WireSentence
 
 
@@ -128,9 +107,8 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
     Attributes:
         errors: Number of errors in the scripts since the start.
-        has_open_calls: True if calls are open, so that the proxy must send `ExpireCalls` regularly.
+        has_open_calls: True if the proxy must send `ExpireCalls` regularly.
         data: Bytes that replace the message; None if the message is unchanged.
-        dropped: True if the proxy must not forward the message.
         results: Result codes that the proxy sends to the client instead of the controller's reply.
     """
 
@@ -143,9 +121,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""Message from the scripts' process. The first message says whether the scripts are usable. Each later
-message is a `ScriptAnswer` to one `ScriptOrder`.
-"""
+"""Message from the scripts' process. The first one says whether the scripts are usable; answers follow."""
 
 _encoder = msgspec.msgpack.Encoder()
 
@@ -166,9 +142,7 @@ class FrameUnpacker(Generic[T]):
         self._buffer += data
 
     def next_frame(self) -> T | None:
-        """Return the next message; None if the message is not complete yet. Invalid bytes raise a
-        `WireError`.
-        """
+        """Return the next message; None if it is incomplete. Invalid bytes raise a `WireError`."""
         buffer = self._buffer
         if len(buffer) < _HEAD:
             return None

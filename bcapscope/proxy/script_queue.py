@@ -1,6 +1,5 @@
-"""The queue of messages that wait for the scripts, and the time limit for the scripts.
-
-This module uses no clock and no socket. Times are in ns of a monotonic clock.
+"""The queue of messages that wait for the scripts, and the time limit for the scripts. Times are in ns of a
+monotonic clock.
 """
 
 from __future__ import annotations
@@ -37,19 +36,17 @@ TIME_LIMIT_NS = 100_000_000
 """Default time in ns that the scripts may take for one message."""
 
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
-"""Shortest and longest time limit that a user may set, in ns.
-
-Waking the scripts' process takes less than a millisecond, so `SHORTEST_LIMIT` leaves enough time. A limit
-above `LONGEST_LIMIT` would be dangerous: a held motion could start long after the client has given up.
+"""Shortest and longest time limit that a user may set, in ns. Waking the scripts' process takes less than
+1 ms. After more than 10 s, a held motion would be dangerous: its client may have given up long before.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum time in ns from the arrival of a message to the scripts' decision about this message. If the user's
-time limit for one message is longer than `LONGEST_WAIT`, the scripts may take the user's time limit."""
+"""Maximum time in ns from the arrival of a message to the scripts' decision, unless the user's time limit is
+longer.
+"""
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams per client. One call needs at most eight datagrams, one for each
-attempt."""
+"""Maximum number of waiting datagrams per client. One call needs at most eight, one for each attempt."""
 
 MAX_BYTES = 1 << 16
 """Maximum number of waiting bytes per client. Above this limit, the proxy does not read the client's stream,
@@ -57,19 +54,15 @@ and drops the client's datagrams.
 """
 
 MAX_BYTES_IN_ALL = 1 << 22
-"""Maximum number of waiting bytes of all clients.
-
-Above this limit, the scripts get only messages that need a decision.
-"""
+"""Above this number of waiting bytes of all clients, the scripts get only messages that need a decision."""
 
 _LATE = 20_000_000
-"""Delay of the relay in ns above which the relay extends the scripts' time limit. A busy computer that delays
-the relay may delay the scripts too."""
+"""Delay of the relay in ns above which the relay extends the scripts' time limit: a busy computer may delay
+the scripts too.
+"""
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""Time in ns between switching the scripts off and killing their process. Before the proxy kills the process,
-the process should report its current script line.
-"""
+"""Time in ns for a process whose scripts are switched off to report its script line, before it is killed."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
 """Minimum time in ns from one `ExpireCalls` order to the next."""
@@ -80,8 +73,8 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """A `ScriptOrder` that the scripts have not answered yet. `message` is the b-CAP message in the
-    `ScriptOrder`; None without a b-CAP message. `undecided` is None if the message needs no decision.
+    """A `ScriptOrder` that the scripts have not answered yet. `undecided` is None if its `message` needs no
+    decision.
     """
 
     hook: str
@@ -94,7 +87,6 @@ class PendingOrder:
         return 0 if self.message is None else len(self.message.data)
 
     def __str__(self) -> str:
-        """Return the name of the hook, and the b-CAP function of the message that the hook got."""
         names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
         if self.hook != "request" or not names:
             return self.hook
@@ -106,20 +98,13 @@ ScriptDecision: TypeAlias = tuple[UndecidedMessage, ScriptAnswer | None]
 
 
 class ScriptQueue:
-    """Passes messages to the scripts, in order, and returns the scripts' decisions.
-
-    The queue switches the scripts off if they exceed the time limit for a message, or if their process ends
-    or sends invalid data.
-
-    Attributes:
-        off_because: Reason why the scripts are off; None while they are on.
-        errors: Number of errors in the scripts so far.
-        notify: Function that gets each message for the user.
+    """Passes messages to the scripts, in order, and returns their decisions. The queue switches the scripts
+    off if they exceed the time limit for a message, or if their process ends or sends invalid data.
+    `off_because` is the reason. `notify` gets each message for the user.
     """
 
     def __init__(self, names: str, process: ScriptProcess, limit: int = TIME_LIMIT_NS) -> None:
-        """Create a queue with a time `limit` in ns per message. Call `on_loaded` after the scripts are
-        loaded."""
+        """Create a queue with a time `limit` in ns per message."""
         self.names = names
         self.is_on = True
         self.off_because: Message | None = None
@@ -147,21 +132,15 @@ class ScriptQueue:
 
     @property
     def status(self) -> str:
-        """State of the scripts: "on", or "off" with the reason."""
         return "on" if self.is_on else f"off: {self.off_because}"
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames. Some hooks need frames. While the scripts are off, the
-        proxy refuses each frame that requests a motion.
-        """
+        """Whether streams must be split into frames: for hooks, or to refuse motions without scripts."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
-        """Return whether the scripts decide about each message of a direction."""
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
-
-    # orders to the scripts
 
     def send_connected(self, client: int, conversation: Conversation, now: int) -> None:
         ends = conversation.client, conversation.server
@@ -170,10 +149,7 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. If `undecided` is not None, the message waits for the scripts'
-        decision. If more than `MAX_BYTES_IN_ALL` bytes wait, the scripts get only messages that need a
-        decision.
-        """
+        """Pass a message to the scripts. If `undecided` is not None, the message waits for their decision."""
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -185,19 +161,17 @@ class ScriptQueue:
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. Call `remove_messages` first."""
+        """Call `remove_messages` first."""
         self._send_order(ClientGone(client), PendingOrder("gone", now))
 
     def finish(self, now: int) -> None:
-        """Report the end of the proxy to the scripts, wait for their answers, and end their process."""
+        """Wait for the last answers of the scripts, and end their process."""
         self._is_ending = True
         if self.is_on:
             self._enqueue(PendingOrder("done", now))
             if not self._process.finish(pack(FinishScripts()), self._is_finished) and self.is_on:
                 self._switch_off(Message("script.slow-end", order=str(self._queue[0])), now)
         self._end_process()
-
-    # answers of the scripts
 
     def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision]:
         """Handle bytes that arrived from the scripts' process. Yield the decisions in these bytes."""
@@ -214,9 +188,7 @@ class ScriptQueue:
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off because their process ended. For each waiting message, yield a
-        `ScriptDecision` with None as the answer.
-        """
+        """Switch the scripts off. Yield each waiting message without an answer."""
         if self.is_on:
             why = Message("script.ended-between")
             if self._queue:
@@ -233,8 +205,8 @@ class ScriptQueue:
         return self._expire_at if self._has_open_calls else None
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
-        """Check whether the scripts exceeded the time limit, and whether any calls expired. Yield the
-        resulting decisions. `time` is the current time in ns since 1970.
+        """Check whether the scripts exceeded the time limit, and whether calls expired. Yield the resulting
+        decisions. `time` is the current time in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -258,24 +230,18 @@ class ScriptQueue:
                 self._switch_off(self._slow_reason(now), now)
                 yield from self._flush_undecided()
 
-    # queries of the policy
-
     def holds(self, flow: Flow) -> bool:
-        """Return whether a message of this client and direction waits for the scripts."""
         return any(each.undecided is not None and each.undecided.state.flow is flow for each in self._queue)
 
     def is_full(self, client: int) -> bool:
-        """Return whether the proxy must stop reading a client's stream, because too many bytes wait."""
+        """Return whether the proxy must stop reading a client's stream."""
         return self._sizes[client] > MAX_BYTES or self._waiting_size > MAX_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
-        """Return whether the queue has room for one more datagram of a client."""
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Remove the waiting messages of one client and direction, and return their bytes. Later decisions of
-        the scripts about removed messages have no effect.
-        """
+        """Return the bytes of the waiting messages of one direction, and ignore decisions about them."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.undecided is not None and each.undecided.state.flow is flow:
@@ -314,7 +280,7 @@ class ScriptQueue:
             yield waiting.undecided, answer
 
     def _count(self, waiting: PendingOrder, sign: int) -> None:
-        """If a message waits for a decision, add it to the counts (`sign` 1) or subtract it (`sign` -1)."""
+        """Add a message that waits for a decision to the counts (`sign` 1), or subtract it (`sign` -1)."""
         if waiting.undecided is not None:
             client = waiting.undecided.state.client
             self._counts[client] += sign
@@ -346,7 +312,7 @@ class ScriptQueue:
         self._process.locate()
 
     def _end_process(self) -> None:
-        """End the process of the scripts. If the scripts were switched off, report the reason to the user."""
+        """End the process. If the scripts were switched off, report the reason to the user."""
         self._end_at = None
         where = self._process.end()
         if self.off_because is not None and not self._is_end_reported:

@@ -1,8 +1,7 @@
 """Tracks which sessions clients have left open at a controller, and makes the requests that close them.
 
-Over UDP, a controller cannot notice that a client is gone. If a client is gone, its handles stay open, its
-arm stays taken, and slave mode stays on. The proxy sends only requests that leave slave mode, give the arm
-back, release handles or stop the service. None of these requests moves the robot.
+Over UDP, a controller cannot notice that a client is gone: its handles stay open, its arm stays taken, and
+slave mode stays on. None of the closing requests moves the robot.
 """
 
 from __future__ import annotations
@@ -31,11 +30,8 @@ _TAKE, _GIVE = "takearm", "givearm"
 
 
 class CloseSequence(NamedTuple):
-    """Requests that the proxy sends to close a session that its client left open.
-
-    Attributes:
-        open_state: What the client left open besides handles: slave mode, the arm or both; None for neither.
-        requests: Frames to send in this order, each after the reply to the previous frame.
+    """Frames that close a session that its client left open, each sent after the reply to the previous one.
+    `open_state` is what the client left open besides handles: slave mode, the arm or both.
     """
 
     conversation: Conversation
@@ -44,9 +40,6 @@ class CloseSequence(NamedTuple):
 
 
 class SessionCloser(PipelineSubscriber):
-    """Remembers the last call of each client, and the robot arms that each client has taken.
-    `close_sequences` uses the last calls and the arms to make closing requests."""
-
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """`handles` and `slave_mode` must belong to the pipeline to which this object subscribes."""
         self._handles = handles
@@ -77,7 +70,7 @@ class SessionCloser(PipelineSubscriber):
         self._arm_handles.pop(conversation, None)
 
     def pop_left_open(self, client: Conversation) -> Message | None:
-        """Return what a removed client left open besides handles. A second call returns None."""
+        """Return what a removed client left open besides handles."""
         return self._left_open.pop(client, None)
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:
@@ -101,9 +94,7 @@ class SessionCloser(PipelineSubscriber):
         return Message("session.open.arm") if has_arm else None
 
     def _closing_requests(self, session: ServiceSession, last_call: Call) -> Iterator[bytes]:
-        """Yield the frames that close a session. The frames continue the client's serials, and use the
-        client's convention for the reserved field.
-        """
+        """Continue the client's serials, and use its convention for the reserved field."""
         robots = self._slave_mode.find(session.conversation).robots
         arms = self._arm_handles.get(session.conversation, {})
         objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]

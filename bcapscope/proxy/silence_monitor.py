@@ -8,22 +8,19 @@ from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation
 
 SILENT_AFTER_NS = 500_000_000
-"""A client in slave mode counts as silent if the client sends no request for this time in ns.
-
-In this time, a client that still works sends about 60 set points (DENSO Wave 2009, How to use the Slave
-mode), or all eight attempts of a call.
+"""A client in slave mode counts as silent if it sends no request for this time in ns. In this time, a client
+that still works sends about 60 set points (DENSO Wave 2009, How to use the Slave mode), or all eight attempts
+of a call.
 """
 
 
 class SilenceMonitor:
-    """Reports each silence of a client with two messages: one at the start of the silence, one at the end."""
-
     def __init__(self) -> None:
         self._silent_since: dict[Conversation, int] = {}
 
     def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[Message]:
-        """Yield a message for each client that has fallen silent or sends again. `clients` are the clients in
-        slave mode, each with the time in ns of its last request before `now`.
+        """Yield a message for each client that has fallen silent or sends again. `clients` are those in slave
+        mode, each with the time in ns of its last request before `now`.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

@@ -18,15 +18,14 @@ SocketAddress: TypeAlias = tuple[Any, ...]
 """Address in the form of the socket module: host and port, and for IPv6 also flow label and scope id."""
 
 LARGEST_DATAGRAM = 65535
-"""Maximum size of a datagram in bytes."""
 
 _RECEIVE_BUFFER = 4 << 20
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted. Above this limit, the system drops the packets of
-new clients. A client whose packet was dropped tries again after a second, which is too late for a stop.
+"""Maximum number of connections that wait to be accepted. Above this limit, a new client must try again after
+a second, which is too late for a stop.
 """
 
 
@@ -39,7 +38,7 @@ class UnreachableError(BcapError):
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
-    """Open a socket for clients. If the proxy cannot listen on the address, raise a `ProxyListenError`."""
+    """Open a socket for clients, or raise a `ProxyListenError`."""
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
     sock = None
@@ -59,15 +58,11 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        raise ProxyListenError(
-            Message(
-                "listen.failed",
-                host=endpoint.host,
-                transport=transport.upper(),
-                port=endpoint.port,
-                reason=os_reason(error),
-            )
-        ) from None
+        word, reason = transport.upper(), os_reason(error)
+        message = Message(
+            "listen.failed", host=endpoint.host, port=endpoint.port, transport=word, reason=reason
+        )
+        raise ProxyListenError(message) from None
     return sock
 
 
@@ -78,23 +73,18 @@ def _own_address(family: int, endpoint: Endpoint) -> SocketAddress:
 
 
 def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddress]:
-    """Return the address family and the socket address of a controller. If there is no such host, raise an
-    `UnreachableError`.
-    """
+    """Return the address family and the socket address of a controller, or raise an `UnreachableError`."""
     kind = socket.SOCK_STREAM if transport is Transport.TCP else socket.SOCK_DGRAM
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise UnreachableError(
-            Message("controller.unreachable", address=str(endpoint), reason=os_reason(error))
-        ) from None
+        message = Message("controller.unreachable", address=str(endpoint), reason=os_reason(error))
+        raise UnreachableError(message) from None
     return family, address
 
 
 def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
-    """Open a UDP socket that receives datagrams from one address only. If there is no route to the address,
-    raise an `OSError`.
-    """
+    """Open a UDP socket that receives datagrams from one address only."""
     sock = socket.socket(family, socket.SOCK_DGRAM)
     try:
         sock.setblocking(False)
@@ -116,9 +106,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
 
 
 def keep_alive(sock: socket.socket) -> None:
-    """Make the system close a connection two minutes after the other computer has disappeared. By default,
-    the system waits for hours.
-    """
+    """Close a connection two minutes after the other computer has disappeared, instead of hours."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
         if hasattr(socket, name):
@@ -126,8 +114,7 @@ def keep_alive(sock: socket.socket) -> None:
 
 
 def dropped_datagrams(sock: socket.socket) -> int:
-    """Return how many datagrams the system dropped because a socket's buffer was full; 0 if the system does
-    not count them."""
+    """Return how many datagrams the system dropped because a socket's buffer was full; 0 if unknown."""
     if sys.platform == "linux":
         with suppress(OSError, struct.error):
             found = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
@@ -140,9 +127,7 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
 
 
 def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
-    """Return the address by which `client` reaches a UDP socket of this machine. The system sends replies
-    from this address, even if the socket listens on all addresses.
-    """
+    """Return the address by which `client` reaches a UDP socket, even if it listens on all addresses."""
     own = sock.getsockname()
     if own[0] not in ("0.0.0.0", "::"):
         return endpoint_of(own)
@@ -153,5 +138,5 @@ def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
 
 
 def should_report(count: int) -> bool:
-    """Return whether to report a frequent event: True if `count` is 1, 2, 4, 8 and so on."""
+    """Return whether to report the event with this number: the 1st, 2nd, 4th, 8th and so on."""
     return count & (count - 1) == 0

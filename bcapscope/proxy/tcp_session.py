@@ -1,5 +1,5 @@
-"""TCP sessions of the proxy. A session forwards the data, the FINs and the RSTs of the client and the
-controller. If a receiver is slow, the session also slows the sender.
+"""TCP sessions of the proxy. A session forwards data, FINs and RSTs. If a receiver is slow, it also slows the
+sender.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ CONNECT_TIMEOUT_NS = 10_000_000_000
 """Maximum time in ns to connect to the controller."""
 
 REPLY_TIMEOUT_NS = 200_000_000_000
-"""Time in ns that a client may wait for a reply after it has ended its direction of the connection.
-
-A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Time in ns that a client may wait for a reply after it has ended its direction of the connection. A call
+may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 STUCK_AFTER_NS = 10_000_000_000
@@ -35,31 +34,24 @@ has ended or is blocked, a new client may replace the session's client after thi
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns after which a new client may replace a finished client. A client is finished if the client
-has sent a FIN, and the controller has then sent bytes or a FIN.
+"""Idle time in ns after which a new client may replace a client that has sent a FIN, after which the
+controller has sent bytes or a FIN.
 """
 
 MAX_PENDING = 1 << 18
-"""With rules, a session stops reading from a sender while more than this many bytes wait for the receiver.
-
-Without rules, a session stops reading from a sender while any bytes wait for the receiver.
+"""With rules, a session stops reading from a sender while more than this many bytes wait for the receiver;
+without rules, while any bytes wait.
 """
 
 _AT_ONCE = 1 << 16
 
 _RESETS = errno.ECONNRESET, errno.EPIPE
-"""Error numbers of a connection that the other end has reset."""
 
 
 @dataclass(eq=False, slots=True)
 class _HalfConnection:
-    """One direction of a connection: bytes from the socket `source` to the socket `sink`.
-
-    Attributes:
-        pending: Bytes that the session could not write to the sink yet.
-        source_ended: True after the source has sent its last byte.
-        sink_shut: True after the session has forwarded the end to the sink.
-        mask: Events of the source for which the relay waits; None if the relay does not watch the source.
+    """One direction of a connection: bytes from the socket `source` to the socket `sink`, which accepts the
+    `pending` bytes later. `mask` has the events of the source; None if the relay does not watch the source.
     """
 
     up: bool
@@ -72,8 +64,6 @@ class _HalfConnection:
 
 
 class TcpSession(RelaySession):
-    """A TCP client and its connection to the controller."""
-
     def __init__(
         self,
         relay: Relay,
@@ -82,9 +72,8 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. `ends` holds the socket toward the client, and the socket that is connecting to
-        the controller. `first` holds the bytes that the client has sent so far, and their time of arrival in
-        ns since 1970.
+        """Register a client. `ends` are the sockets toward the client, and toward the controller, which still
+        connects. `first` are the client's first bytes, and their time of arrival in ns since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
@@ -121,9 +110,6 @@ class TcpSession(RelaySession):
         self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data that the rules released. Return the time in ns since 1970 at which all of `data` was
-        sent; 0 if some bytes are not sent yet.
-        """
         if self._closed:
             return 0
         half = self._up if up else self._down
@@ -182,7 +168,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts. Report how many bytes are lost."""
+        """Write as many pending bytes as the system accepts. Report the number of the others as lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -306,8 +292,8 @@ class TcpSession(RelaySession):
                 ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write as many bytes as the sink accepts, and keep the others as pending. Return the time of writing
-        in ns since 1970, and the number of written bytes.
+        """Write as many bytes as the sink accepts, and keep the others as pending. Return the time in ns
+        since 1970, and the number of written bytes.
         """
         sent = 0
         sent_at = time.time_ns()
@@ -340,8 +326,7 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the FIN of a direction after the session has written the last bytes of the direction. Close
-        the session if both directions have ended."""
+        """Forward the FIN of a direction after its last bytes. After both FINs, close the session."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True
@@ -352,8 +337,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Close a socket after an error of this socket. If a half-open fault blocks the client, hide the
-        error from the other end of the conversation. Without a half-open fault, end the session.
+        """Close a socket after its error. End the session, unless a half-open fault hides the error from the
+        other end.
         """
         was_reset = problem in _RESETS
         if was_reset:
@@ -369,9 +354,8 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether the session may read more bytes of a direction. The session must stop reading if the
-        proxy holds too much data or the receiver is slow. If the proxy has rules, the session must not read
-        requests of a client that does not read its replies.
+        """Return whether the session may read more bytes of a direction: not if the proxy holds too much
+        data, or the receiver is slow.
         """
         policy = self._relay.policy
         if self._relay.pauses_reading(self):

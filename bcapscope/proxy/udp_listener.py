@@ -1,5 +1,4 @@
-"""UDP clients. The proxy opens a socket toward the controller for each client, because the controller
-distinguishes clients by port."""
+"""UDP clients. Each has its own socket toward the controller, which distinguishes clients by port."""
 
 from __future__ import annotations
 
@@ -31,14 +30,13 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. If a removed client sends again, the
-controller sees a new client. The time can be long: the socket of a silent client costs almost nothing.
+"""The relay removes a client that is silent for this time in ns. If it sends again, the controller sees a new
+client. The time can be long: the socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""If all slots are taken, a new client may replace a client that has been silent for this time in ns. In
-DENSO's C server, a new client may replace a client after 10 s of silence (orin_bcap
-C/src/bCAPServer/bcap_server.c).
+"""If all slots are taken, a new client may replace a client that has been silent for this time in ns, as in
+DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
@@ -53,12 +51,8 @@ _MAX_STRANGERS = 256
 
 
 class UdpListener(ClientListener):
-    """A UDP socket to which clients send their requests.
-
-    Attributes:
-        refused: Whether the controller refuses datagrams. A datagram from the controller sets `refused` to
-            False.
-        sessions: Sessions of the clients that have sent more than one datagram, by client address.
+    """A UDP socket to which clients send their requests. `sessions` are those of the clients that have sent
+    more than one datagram, by client address. `refused` is True while the controller refuses datagrams.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
@@ -71,20 +65,18 @@ class UdpListener(ClientListener):
         self._dropped = self._unreachable_count = 0
 
     def open(self) -> None:
-        """Start to accept clients. Discard all datagrams that already wait in the socket, because the
-        controller must not get outdated requests."""
+        """Discard the datagrams that already wait, because the controller must not get outdated requests."""
         with suppress(OSError):
             for _ in range(_MAX_OLD):
                 self.socket.recv(LARGEST_DATAGRAM)
         self.relay.watch(self.socket.fileno(), _datagram_handler(self, self.socket))
 
     def close(self) -> None:
-        """Stop receiving datagrams from clients. The socket stays open, to send replies to clients."""
+        """Stop receiving. The socket stays open, to send replies to clients."""
         self._count_drops()
         super().close()
 
     def sweep(self, now: int) -> None:
-        """Remove clients that were silent for too long, and count the datagrams that the system dropped."""
         self._count_drops()
         for session in (*self.sessions.values(), *self._fresh_sessions.values()):
             if now - session.last_heard > self._forget_after:
@@ -95,8 +87,7 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Find or create the session of a client that is not in `sessions` yet. Return None if the proxy
-        rejects the client."""
+        """Find or create the session of a client that is not in `sessions` yet; None if rejected."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -112,16 +103,10 @@ class UdpListener(ClientListener):
         relay.counts[RelayCounter.DENIED] += 1
         if address[0] not in self._strangers and len(self._strangers) < _MAX_STRANGERS:
             self._strangers.add(address[0])
-            relay.notify(
-                Message(
-                    "client.denied.datagrams",
-                    client=str(endpoint_of(address)),
-                    reason=Message("client.not-allowed"),
-                )
-            )
+            client, reason = str(endpoint_of(address)), Message("client.not-allowed")
+            relay.notify(Message("client.denied.datagrams", client=client, reason=reason))
 
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
-        """Give a new client a slot and a socket toward the controller. Return None for a rejected client."""
         relay = self.relay
         try:
             upstream, slot = self._open_upstream(
@@ -141,14 +126,8 @@ class UdpListener(ClientListener):
     def _notify_unreachable(self, address: SocketAddress, error: OSError) -> None:
         self._unreachable_count += 1
         if should_report(self._unreachable_count):
-            self.relay.notify(
-                Message(
-                    "client.no-controller",
-                    client=str(endpoint_of(address)),
-                    controller=str(self.to),
-                    reason=os_reason(error),
-                )
-            )
+            ends = {"client": str(endpoint_of(address)), "controller": str(self.to)}
+            self.relay.notify(Message("client.no-controller", reason=os_reason(error), **ends))
 
     def _count_drops(self) -> None:
         dropped = dropped_datagrams(self.socket)
@@ -157,10 +136,7 @@ class UdpListener(ClientListener):
 
 
 class UdpSession(RelaySession):
-    """A UDP client and its socket toward the controller."""
-
     def __init__(self, listener: UdpListener, address: SocketAddress, upstream: socket.socket) -> None:
-        """Register a client that has sent its first datagram."""
         relay = listener.relay
         super().__init__(relay, Transport.UDP, address, listener.to)
         self._send_up = upstream.send
@@ -181,7 +157,6 @@ class UdpSession(RelaySession):
 
     @property
     def upstream_state(self) -> str:
-        """State of the controller: "refused" if the controller refuses datagrams, else "open"."""
         return "refused" if self._listener.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
@@ -191,7 +166,7 @@ class UdpSession(RelaySession):
         return sent_at
 
     def forward(self, up: bool, data: bytes) -> int:
-        """Send a datagram. Return the time of sending in ns since 1970; 0 if the system refused to send."""
+        """Like `send`, but do not count the datagram. Return 0 if the system refused to send it."""
         sent_at = time.time_ns()
         try:
             if up:
@@ -212,9 +187,8 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests on behalf of the client, each after the reply to the previous request. Send nothing
-        after `until`, a time in seconds of `time.monotonic`. If a request gets no reply, do not send the next
-        requests. Return how many requests got a reply. This method blocks the relay.
+        """Send requests on behalf of the client, each after the reply to the previous one, and nothing after
+        `until`, a time of `time.monotonic`. Return how many got a reply. This method blocks the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -222,8 +196,7 @@ class UdpSession(RelaySession):
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request. Return whether the reply arrives within `_PATIENCE`. A notice does not count as a
-        reply."""
+        """Send a request. Return whether a reply, not only a notice, arrives within `_PATIENCE`."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
@@ -254,20 +227,16 @@ class UdpSession(RelaySession):
         self._relay.remove_client(self, why)
 
     def sweep(self, now: int) -> None:
-        """Count the datagrams that the system dropped. The listener removes silent clients."""
-        self._count_drops()
+        self._count_drops()  # the listener removes silent clients
 
     def notify_refused(self) -> None:
-        """Report that the controller refuses datagrams. After one report, `notify_refused` reports nothing
-        until the controller sends a datagram."""
+        """Report once that the controller refuses datagrams, until it sends one."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that the system refused to send, and return 0. To limit the messages, report only
-        the 1st, 2nd, 4th, 8th datagram and so on.
-        """
+        """Count a datagram that the system refused to send, and return 0."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -284,10 +253,8 @@ class UdpSession(RelaySession):
 def _datagram_handler(
     listener: UdpListener, sock: socket.socket, session: UdpSession | None = None
 ) -> Handler:
-    """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
-
-    With `session`, the socket receives replies for this session; without `session`, it receives requests. The
-    handler runs for each datagram, so it uses only local variables for speed.
+    """Return a handler that forwards the datagrams of a socket, or passes them to the rules. With `session`,
+    the socket receives replies for this session. For speed, the handler uses only local variables.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None

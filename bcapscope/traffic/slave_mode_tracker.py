@@ -16,6 +16,7 @@ from bcapscope.protocol.tables.hresult import (
     ends_slave_mode,
     is_failure,
 )
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKind
 from bcapscope.traffic.handle_tracker import handle_of
@@ -100,7 +101,7 @@ class OpenSlaveMode(NamedTuple):
 
 class SlaveModeTracker:
     def __init__(self) -> None:
-        self._clients: dict[Conversation, OpenSlaveMode] = {}
+        self._clients: BoundedDict[Conversation, OpenSlaveMode] = BoundedDict(MAX_CONVERSATIONS)
 
     def on_call(self, call: Call) -> SlaveModeChange | None:
         """Process the next call; return the change of slave mode that the call makes, or None."""
@@ -111,14 +112,14 @@ class SlaveModeTracker:
         if effect is SlaveModeEffect.SET_POINT:
             refused = call.hresult is not None and is_failure(call.hresult)
             if refused is not known.set_points_refused:
-                self._keep(call.conversation, known._replace(set_points_refused=refused))
+                self._clients[call.conversation] = known._replace(set_points_refused=refused)
             return None
         if call.reply is None and not call.reply_not_captured:
             return None
         updated = _updated(known, effect, call)
         if updated is None:
             return None
-        self._keep(call.conversation, updated)
+        self._clients[call.conversation] = updated
         if effect is not SlaveModeEffect.MODE_CHANGED and updated.mode == known.mode:
             return None
         return SlaveModeChange(call, effect, updated.mode)
@@ -134,12 +135,6 @@ class SlaveModeTracker:
 
     def close_conversation(self, conversation: Conversation) -> OpenSlaveMode:
         return self._clients.pop(conversation, _NOTHING_KNOWN)
-
-    def _keep(self, conversation: Conversation, known: OpenSlaveMode) -> None:
-        self._clients.pop(conversation, None)
-        while len(self._clients) >= MAX_CONVERSATIONS:
-            del self._clients[next(iter(self._clients))]
-        self._clients[conversation] = known
 
 
 _NOTHING_KNOWN = OpenSlaveMode()

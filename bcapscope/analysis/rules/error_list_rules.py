@@ -24,6 +24,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.places import Moment
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import describe_hresult, ends_slave_mode, is_failure, is_rc7_code
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
@@ -83,7 +84,7 @@ class _RefusedCalls:
 
 class _ControllerErrors:
     def __init__(self) -> None:
-        self.refused: dict[Conversation, _RefusedCalls] = {}
+        self.refused: BoundedDict[Conversation, _RefusedCalls] = BoundedDict(_MAX_CLIENTS)
         self.reads: deque[_ErrorRead] = deque(maxlen=_MAX_READS)
         self.clears: deque[int] = deque(maxlen=_MAX_CLEARS)
 
@@ -99,7 +100,7 @@ class ErrorListChecker(RuleChecker):
     """
 
     def set_up(self) -> None:
-        self._controllers: dict[str, _ControllerErrors] = {}
+        self._controllers: BoundedDict[str, _ControllerErrors] = BoundedDict(_MAX_CONTROLLERS)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         if health is CallHealth.REFUSED:
@@ -126,8 +127,6 @@ class ErrorListChecker(RuleChecker):
     def _errors_of(self, host: str) -> _ControllerErrors:
         errors = self._controllers.get(host)
         if errors is None:
-            if len(self._controllers) >= _MAX_CONTROLLERS:
-                del self._controllers[next(iter(self._controllers))]
             errors = self._controllers[host] = _ControllerErrors()
         return errors
 
@@ -139,8 +138,6 @@ class ErrorListChecker(RuleChecker):
             if len(refused.codes) < _MAX_CODES:
                 refused.codes.add(code)
             return
-        if len(errors.refused) >= _MAX_CLIENTS:
-            del errors.refused[next(iter(errors.refused))]
         refused = errors.refused[call.conversation] = _RefusedCalls(call, code, client)
         for read in errors.reads:
             self._compare(errors, refused, read)

@@ -21,6 +21,7 @@ from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, Sl
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation
@@ -108,7 +109,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
         # `Call.number` of each set point that `is_selected` rejected, until the set point is processed
-        self._not_selected: dict[int, None] = {}
+        self._not_selected: BoundedDict[int, None] = BoundedDict(MAX_NOT_SELECTED)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         if is_set_point(call.kind):
@@ -140,8 +141,6 @@ class TrajectoryExtractor(PipelineSubscriber):
             self._left_out[LeftOutReason.REFUSED] += 1
         elif self._is_selected is not None and not self._is_selected(call):
             self._not_selected[call.number] = None
-            if len(self._not_selected) > MAX_NOT_SELECTED:
-                del self._not_selected[next(iter(self._not_selected))]
 
     def _drop_sessions(self, sessions: Sequence[SlaveSession]) -> None:
         for session in sessions:

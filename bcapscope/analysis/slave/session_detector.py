@@ -23,6 +23,7 @@ from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import command_parameter, find_command
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Conversation, Endpoint
 from bcapscope.traffic.slave_mode_tracker import (
@@ -81,9 +82,9 @@ class SlaveSessionDetector:
         """
         self._window = window
         self._on_set_points = on_set_points
-        self._controllers: dict[Endpoint, ControllerState] = {}
+        self._controllers: BoundedDict[Endpoint, ControllerState] = BoundedDict(MAX_CONTROLLERS)
         self._active: dict[SessionKey, SlaveSessionBuilder] = {}
-        self._recently_ended: dict[SessionKey, SlaveSessionBuilder] = {}
+        self._recently_ended: BoundedDict[SessionKey, SlaveSessionBuilder] = BoundedDict(MAX_SESSIONS)
         self._held_back: deque[_EndedSession] = deque()
         self._session_count = 0
         self._latest_time = 0
@@ -298,8 +299,6 @@ class SlaveSessionDetector:
             controller.position = None
         controller.pending_sessions.pop(builder.key, None)
         self._recently_ended[builder.key] = builder
-        if len(self._recently_ended) > MAX_SESSIONS:
-            del self._recently_ended[next(iter(self._recently_ended))]
         slave_setup = self._slave_setup(builder)
         builder.process_batch(slave_setup)
         self._held_back.append(_EndedSession(builder, builder.error_exit or exit_, slave_setup))
@@ -338,8 +337,6 @@ class SlaveSessionDetector:
         server = call.conversation.server
         controller = self._controllers.get(server)
         if controller is None:
-            if len(self._controllers) >= MAX_CONTROLLERS:
-                del self._controllers[next(iter(self._controllers))]
             controller = self._controllers[server] = ControllerState()
         return controller
 
