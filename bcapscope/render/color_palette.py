@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """An ANSI colour sequence for each kind of text. `reset` switches back to the default colour. In a
-    palette without colours, all sequences are empty.
-    """
+    """ANSI colour sequences. `reset` switches back to the default colour."""
 
     number: str = ""
     name: str = ""

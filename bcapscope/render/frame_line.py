@@ -35,15 +35,13 @@ from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MAX_TEMPLATES = 4096
-"""Maximum number of cached line templates. When the cache is full, the renderer empties it."""
+MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 
-MAX_RAW_BYTES = 48
-"""Maximum number of malformed bytes that a line shows."""
+MAX_RAW_BYTES = 48  # of malformed bytes in a line
 
 
 class FrameLineRenderer:
-    """Writes frames as lines. The renderer counts relative times from the first line that it writes."""
+    """Writes frames as lines. Relative times count from the first line."""
 
     def __init__(
         self,
@@ -53,10 +51,8 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the format of the lines. With `brief`, lines omit problems and comments; `remarks` yields
-        these instead. `write_endpoints` takes a flow, and returns its endpoints as escaped text. By default,
-        the text shows addresses, transport and direction.
-        """
+        """With `brief`, lines omit problems and comments; `remarks` yields these instead. `write_endpoints`
+        returns the endpoints of a flow as escaped text; by default, addresses, transport and direction."""
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
         self._is_brief = brief
@@ -65,7 +61,7 @@ class FrameLineRenderer:
         self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
 
     def set_time_origin(self, time: int) -> None:
-        """Count relative times from `time`, in ns since 1970, instead of from the first line."""
+        """Count relative times from `time` (ns since 1970) instead of from the first line."""
         self._write_time(time)
 
     def line(
@@ -158,22 +154,15 @@ def _addresses(flow: Flow) -> str:
 
 
 LONGEST_STRING = 120
-"""For a string, a line shows at most this many characters.
+"""Maximum number of characters of a string. A UI1 array shows at most half as many bytes."""
 
-For a UI1 array, a line shows at most `LONGEST_STRING // 2` bytes.
-"""
-
-MAX_ELEMENTS = 32
-"""Maximum number of elements of an array that a line shows."""
+MAX_ELEMENTS = 32  # of an array in a line
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""Placeholder in a template. The index or slice of a placeholder selects numbers of the frame. The function
-of a placeholder formats the selected numbers.
-"""
+"""The numbers of the frame that fill a placeholder, as index or slice, and the function that formats them."""
 
-_SHOWN_BEFORE = ("bstrCommand",)
-"""Arguments to leave out, because the line already shows their values next to the function's name."""
+_SHOWN_BEFORE = ("bstrCommand",)  # arguments whose values are next to the function's name
 
 
 class LineTemplate:
@@ -195,7 +184,7 @@ class LineTemplate:
 
 class LineTemplateBuilder:
     def __init__(self, head: str = "") -> None:
-        """Start the template with `head`, which is a %-format."""
+        """`head` is a %-format."""
         self._pieces = [head]
         self._places: list[TemplatePlace] = []
         self._numbers_placed = 0
@@ -204,7 +193,7 @@ class LineTemplateBuilder:
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
-        """Add arguments as ``name=value``. Add the type of each argument that has an unexpected type."""
+        """Add arguments as ``name=value``, with the type if it is unexpected."""
         for index, (argument, taken) in enumerate(zip(arguments, number_counts(arguments), strict=True)):
             param = role(index)
             if param.name in _SHOWN_BEFORE and isinstance(argument.variant.value, str):

@@ -1,8 +1,4 @@
-"""Frames as JSON, one object per frame.
-
-One template writes all frames that differ only in numeric values. A template is JSON with placeholders for
-numeric values. A JSON encoder escapes all text from the wire.
-"""
+"""Frames as JSON, one object per frame. One template writes all frames that differ only in numeric values."""
 
 from __future__ import annotations
 
@@ -31,12 +27,11 @@ from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MAX_TEMPLATES = 4096
-"""Maximum number of cached templates. When the cache is full, the renderer empties it."""
+MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 
 
 JSON_PLACE, INTEGER_PLACE = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
-"""Placeholders in the JSON of a template. A JSON encoder escapes these control characters in texts."""
+"""Placeholders in a template. A JSON encoder escapes these control characters in texts."""
 
 _Place: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
@@ -67,7 +62,7 @@ class _ArgumentConverter:
     """Converts arguments to JSON types. `places` collects the placeholders."""
 
     def __init__(self, constants: FrameNumbers | None = None) -> None:
-        """If `constants` is given, the JSON contains the numbers from `constants` instead of placeholders."""
+        """If `constants` is given, the JSON contains these numbers instead of placeholders."""
         self.places: list[_Place] = []
         self._constants = constants
         self._numbers_placed = 0
@@ -155,7 +150,7 @@ class FrameRecordRenderer:
 
 
 def with_origin(record: bytes, origin: PacketOrigin) -> bytes:
-    """Add the path of the capture, and the packet's number in this capture, to the JSON of a frame."""
+    """Add the path of the capture, and the packet's number in it, to the JSON of a frame."""
     return b'%b,"file":%b,"file_packet":%d}' % (record[:-1], json_text(origin.path), origin.packet)
 
 

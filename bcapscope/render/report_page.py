@@ -38,15 +38,11 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
 
 MAX_DRAWN = 6
-"""Maximum number of slave-mode sessions with pictures. If there are more sessions, the page draws the
-sessions with the worst problems. If two sessions are equally bad, the page prefers the longer session.
-"""
+"""Maximum number of slave-mode sessions with pictures: those with the worst problems, then the longest."""
 
-MAX_ROWS = 40
-"""Maximum number of rows of a table."""
+MAX_ROWS = 40  # of a table
 
-MAX_SLOW = 10
-"""Maximum number of rows in the table of set points with the slowest replies."""
+MAX_SLOW = 10  # rows in the table of set points with the slowest replies
 
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
 
@@ -154,9 +150,7 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return three texts: the overall result (``error``, ``warning`` or ``good``), the number of findings,
-    and the sentence of the first finding. If the overall result is ``good``, the third text is "".
-    """
+    """Return ``error``, ``warning`` or ``good``, the counts of findings, and the first finding if not good."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
@@ -169,7 +163,7 @@ def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
-    """Return the slave-mode sessions that have pictures, in the order in which they began."""
+    """Return the sessions that have pictures, in the order in which they began."""
     worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
     return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
 
@@ -184,7 +178,6 @@ def _trouble_rank(slave_session: SlaveSession) -> int:
 
 
 def _first_rows_text(caption: str, total: int, words: MessageFormatter) -> str:
-    """Return the caption of a table. If the table shows only its first rows, the caption says so."""
     if total <= MAX_ROWS:
         return caption
     return words("report.first-rows", caption=caption, shown=MAX_ROWS, total=total)
