@@ -117,9 +117,7 @@ class TableRecords(Records[T]):
         return pyarrow.Table.from_batches(batches, schema)
 
     def _parts(self) -> Iterator[list[list[object]]]:
-        """Yield one list of values per column, for at most `_ROWS_AT_ONCE` records at a time. If the table
-        has no records, yield one set of empty lists.
-        """
+        """Yield the columns' values of `_ROWS_AT_ONCE` records at a time, at least one set of lists."""
         records, readers = iter(self), [column.read for column in self._columns]
         part = list(islice(records, _ROWS_AT_ONCE))
         while True:
@@ -156,7 +154,7 @@ def _arrow_types(pyarrow: Any) -> dict[ColumnType, Any]:
 
 
 def _numbers(frame: Frame | None) -> list[float] | None:
-    """Return the numbers in the frame's last argument; None if there is no argument, or no number in it."""
+    """Return the numbers in the frame's last argument; None if it has none."""
     variants = () if frame is None else frame.variants
     numbers = (
         [float(each) for each in iter_numbers(variants[-1]) if not isinstance(each, bytes)]
@@ -172,7 +170,7 @@ def _text(text: str | None) -> str | None:
 
 
 def _time(time: int) -> int | None:
-    """Return `time`; return None if the time of a damaged capture is too large for pandas and Arrow."""
+    """Return None if the time of a damaged capture is too large for pandas and Arrow."""
     return time if abs(time) < 1 << 63 else None
 
 
@@ -201,7 +199,6 @@ FRAME_COLUMNS: tuple[DataColumn[AnnotatedFrame], ...] = (
     DataColumn("numbers", ColumnType.NUMBERS, lambda each: _numbers(each.frame)),
     DataColumn("problems", _INTEGER, lambda each: len(each.problems)),
 )
-"""Columns of frames."""
 
 CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
     DataColumn("call", _INTEGER, lambda call: call.number),
@@ -230,4 +227,3 @@ CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
         lambda call: None if call.reply is None else _numbers(call.reply.item),
     ),
 )
-"""Columns of calls."""

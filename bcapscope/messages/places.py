@@ -1,6 +1,4 @@
-"""Typed values for the placeholders of messages. Each type defines how its value is written as text and as
-JSON.
-"""
+"""Typed values for the placeholders of messages, written as text and as JSON."""
 
 from __future__ import annotations
 
@@ -9,8 +7,7 @@ from itertools import groupby
 
 from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
-LONGEST_TEXT = 60
-"""Maximum number of characters of a string from the wire that a sentence shows."""
+LONGEST_TEXT = 60  # characters of a string from the wire
 
 _MS = 1_000_000
 
@@ -26,9 +23,7 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def amount_text(value: float) -> str:
-    """Format a measured number with three significant digits. Large numbers keep all digits before the
-    decimal point.
-    """
+    """Format a number with three significant digits, or with all digits before the decimal point."""
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
@@ -63,13 +58,7 @@ class Moment(Place):
 
 
 class Quantity(Place):
-    """A measured number with its unit, such as `12.5 deg`.
-
-    Attributes:
-        value: The measured number.
-        unit: Unit of the number; "" if the number has no unit.
-        decimals: Number of digits after the decimal point; None for three significant digits in total.
-    """
+    """A measured number, such as `12.5 deg`, with `decimals` or three significant digits."""
 
     type_name = "quantity"
 
@@ -103,9 +92,7 @@ class HexNumber(Place):
 
 
 class Measured(Place):
-    """A number with its unit and a chosen number of decimals, such as `1234.56 deg`. The unit is "" if there
-    is none.
-    """
+    """A number with a chosen number of significant digits, such as `1234.56 deg`."""
 
     type_name = "measured"
 
@@ -122,12 +109,7 @@ class Measured(Place):
 
 
 class Count(Place):
-    """A number with its noun, such as `1 call` or `3 calls`.
-
-    Attributes:
-        number: Number of things.
-        unit: Kind of things, such as `call`. In the catalogue, the text has the id `count.<unit>`.
-    """
+    """A number with its noun, such as `1 call`. The noun is in the catalogue as `count.<unit>`."""
 
     type_name = "count"
 
@@ -158,13 +140,7 @@ class Times(Place):
 
 
 class CodePlace(Place):
-    """A result code.
-
-    Attributes:
-        code: The code, unsigned.
-        name: The vendor's symbol, or the code in hex.
-        meaning: Meaning of the code.
-    """
+    """A result code, unsigned. `name` is the vendor's symbol, or the code in hex."""
 
     type_name = "code"
 
@@ -183,8 +159,6 @@ class CodePlace(Place):
 
 
 class FramePlace(Place):
-    """One or more frames, which are named by their numbers in the traffic."""
-
     type_name = "frames"
 
     def __init__(self, numbers: tuple[int, ...]) -> None:
@@ -198,17 +172,13 @@ class FramePlace(Place):
 
 
 def frames_text(numbers: Sequence[int], words: MessageFormatter, separator: str = ", ") -> str:
-    """Return frame numbers as text. If `words.find_frame` is set, add the captures and packet numbers of the
-    frames.
-    """
+    """Return frame numbers, with captures and packet numbers if `words.find_frame` is set."""
     frames, origins = separator.join(map(str, numbers)), origins_text(numbers, words)
     return f"{frames} ({origins})" if origins else frames
 
 
 def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
-    """Name the captures that contain the frames, with the packet numbers. If `words.find_frame` is None,
-    return "".
-    """
+    """Name the captures and packet numbers of the frames; "" if `words.find_frame` is None."""
     find_frame = words.find_frame
     if find_frame is None:
         return ""
@@ -221,12 +191,10 @@ def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
 
 
 class CallPlace(Place):
-    """A call.
+    """A call, named by its command, or by its function if it has no command.
 
-    Attributes:
-        name: Command of the call, or its function if it has no command.
-        serial: Serial of the call's first attempt; None to show only the name.
-        number: Number of the call in the traffic.
+    `serial` is that of the first attempt; None to show only the name. `number` counts the calls in the
+    traffic.
     """
 
     type_name = "call"
@@ -245,12 +213,7 @@ class CallPlace(Place):
 
 
 class ClientPlace(Place):
-    """A client. Templates write ``{client:Client}``, with a capital letter, at the start of a sentence.
-
-    Attributes:
-        address: Host and port of the client as text.
-        transport: Transport of the client in lower case, such as `udp`.
-    """
+    """A client. Templates write ``{client:Client}`` at the start of a sentence."""
 
     type_name = "client"
 
@@ -268,9 +231,7 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire. The method `text` returns a shortened string, and does not escape control
-    characters. Escape the shortened string before you show it to a user.
-    """
+    """A string from the wire. `text` shortens it, but does not escape control characters."""
 
     type_name = "text"
 
@@ -326,7 +287,7 @@ class Clauses(_Several, Place):
 
 
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
-    """Join clauses into one message, and leave out repeated clauses. If there are no clauses, return None."""
+    """Join clauses into one message, and leave out repeated clauses."""
     items = tuple(dict.fromkeys(clauses))
     if len(items) < 2:
         return items[0] if items else None
@@ -343,5 +304,4 @@ class IndentedLines(_Several, Place):
 
 
 def shortened(text: str) -> str:
-    """Return at most `LONGEST_TEXT` characters of a text, followed by … if the text is longer."""
     return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + "…"

@@ -77,7 +77,7 @@ class CallPackets:
     """Adds the member `packets` to the JSON of a call: the capture and the packet number of each frame."""
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """`origin_of` finds a packet by its number in all captures. `only_path` is set for a single capture."""
+        """`origin_of` finds a packet by its number in all captures. `only_path` is set for one capture."""
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")
         packet = b'{"frame":%d,"file":' + path + b',"packet":%d}'

@@ -24,8 +24,7 @@ _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:
-    """Yield each row of escaped text as a line. `alignments` has one character per column: ``>`` aligns the
-    column to the right, ``<`` to the left."""
+    """Yield rows of escaped text as lines. `alignments` has ``>`` (right) or ``<`` (left) for each column."""
     widths = [max(map(display_width, cells), default=0) for cells in zip(*rows, strict=True)]
     for row in rows:
         cells = []
@@ -44,8 +43,7 @@ def fit_line(line: str, width: int) -> str:
 
 
 def fold_line(line: str, width: int) -> str:
-    """Break a line, which may contain colour sequences, into rows of at most `width` columns, at spaces if
-    possible. Indent all rows after the first."""
+    """Break a line, which may contain colour sequences. Indent all rows after the first."""
     if width < _NARROWEST_ROW or display_width(_COLORS.sub("", line)) <= width:
         return line
     rows: list[str] = []
@@ -73,7 +71,7 @@ def _prefix(text: str, width: int) -> str:
 
 
 def wrap_text(text: str, width: int) -> Iterator[str]:
-    """Wrap text at spaces and beside wide characters. A word that is longer than `width` columns stays whole."""
+    """Wrap text at spaces and beside wide characters. A word that is longer than `width` stays whole."""
     line = ""
     for piece in _WORDS.findall(text):
         if line and display_width(line) + display_width(piece) > width:

@@ -98,7 +98,8 @@ class CsvTableRenderer:
         """Copy the JSON text of the arguments from the JSON object of the frame.
 
         A JSON string cannot contain ``"args":``, because JSON escapes quotation marks. The result begins with
-        a bracket, so a spreadsheet does not evaluate it as a formula."""
+        a bracket, so a spreadsheet does not evaluate it as a formula.
+        """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)
         return record[start : record.index(_PROBLEMS, start)].decode()

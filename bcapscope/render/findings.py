@@ -105,7 +105,8 @@ def finding_record(
     """Return a finding as a JSON object with escaped English text.
 
     `origin_of` takes the number of a frame. `is_final` says whether the traffic has ended; before its end,
-    the causes and repetitions of a finding are not known."""
+    the causes and repetitions of a finding are not known.
+    """
     repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)
     return orjson.dumps(

@@ -172,7 +172,8 @@ class FrameTreeRenderer:
     """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
     follows.
 
-    Lines have fewer than 100 columns, except for lines with long text from the wire or a long problem."""
+    Lines have fewer than 100 columns, except for lines with long text from the wire or a long problem.
+    """
 
     palette: Palette = PLAIN
     full: bool = False

@@ -31,7 +31,8 @@ def hexdump(
 ) -> Iterator[str]:
     """Yield the lines of a hex dump. Where `highlights` overlap, the last one sets the colour of a byte.
 
-    Offsets are decimal, as in field trees and problems, and start at `first`."""
+    Offsets are decimal, as in field trees and problems, and start at `first`.
+    """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]
     active: list[Highlight] = []

@@ -192,7 +192,8 @@ def run_figure_lines(
     """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
     `slack` holds the number of buffer slots, the duration of a full buffer (ms), and the duration left after
-    the longest pause (ms). It is None if the buffer cannot run empty."""
+    the longest pause (ms). It is None if the buffer cannot run empty.
+    """
 
     def number(text: str) -> str:
         return f"{palette.number}{text}{palette.reset}"

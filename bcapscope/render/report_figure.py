@@ -2,7 +2,8 @@
 
 The colours are based on the set of Okabe and Ito, so that colour-blind readers can distinguish them. Lines
 and marks of different colours also differ in shape or dashes. The style sheet of the page sets the colours of
-text, axes and grid, so the same picture fits light and dark themes and paper."""
+text, axes and grid, so the same picture fits light and dark themes and paper.
+"""
 
 from __future__ import annotations
 

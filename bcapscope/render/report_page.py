@@ -150,7 +150,7 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return ``error``, ``warning`` or ``good``, the counts of findings, and the first finding if not good."""
+    """Return ``error``, ``warning`` or ``good``, the counts of findings, and a problem's sentence."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:

@@ -1,7 +1,8 @@
 """Slave-mode sessions as JSON, one object per session.
 
 Names of members with a unit end in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970 with nine
-decimals. Names of members that hold frame numbers end in `frame` or `frames`."""
+decimals. Names of members that hold frame numbers end in `frame` or `frames`.
+"""
 
 from __future__ import annotations
 

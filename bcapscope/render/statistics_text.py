@@ -192,7 +192,8 @@ def statistics_record(statistics: Statistics) -> bytes:
     """Return the figures of a period as one JSON object, without a line end.
 
     Latencies and delays are in milliseconds, `start` and `end` in seconds since 1970. `line_time_share` is
-    from 0 to 1. `places` has one object per conversation that was captured at two places."""
+    from 0 to 1. `places` has one object per conversation that was captured at two places.
+    """
     return orjson.dumps(
         {
             "start": time_fragment(statistics.start),

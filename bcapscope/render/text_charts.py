@@ -27,7 +27,8 @@ def braille_chart(
     """Draw curves in braille characters, with at least 2 lines and 11 columns. Leave out points with a
     coordinate of 1e9 or more.
 
-    Labels at the left show the range of y in `unit`, labels below the range of x in seconds."""
+    Labels at the left show the range of y in `unit`, labels below the range of x in seconds.
+    """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
         ([(x, y) for x, y in points if abs(x) < _LARGEST and abs(y) < _LARGEST], style)

@@ -88,7 +88,8 @@ def untyped_text(variant: Variant) -> str | None:
     """Return a value as text without its type, such as ``10,20,30``.
 
     Return None if the notation cannot express the value: nested VARIANT arrays, arrays with separators inside
-    strings, or types that b-CAP does not have."""
+    strings, or types that b-CAP does not have.
+    """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None
 
