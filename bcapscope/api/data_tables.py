@@ -24,14 +24,16 @@ _ROWS_AT_ONCE = 65_536
 
 
 class ColumnType(Enum):
-    """Type of a column's values. A value may be missing in a column of any type except `INTEGER`."""
+    """Types of pandas. A value may be missing in a column of any type except `INTEGER`."""
 
-    INTEGER = "integer"
-    OPTIONAL_INTEGER = "integer or missing"
-    FLOAT = "float"
-    TEXT = "text"
-    TIME = "time in ns since 1970, UTC"
-    NUMBERS = "list of floats"
+    INTEGER = "int64"
+    OPTIONAL_INTEGER = "Int64"
+    FLOAT = "float64"
+    TEXT = "string"
+    TIME = "datetime64[ns]"
+    """Time in ns since 1970, UTC."""
+    NUMBERS = "object"
+    """Lists of floats."""
 
 
 class DataColumn(NamedTuple, Generic[T]):
@@ -127,18 +129,8 @@ class TableRecords(Records[T]):
                 return
 
 
-_PANDAS_TYPES = {
-    ColumnType.INTEGER: "int64",
-    ColumnType.OPTIONAL_INTEGER: "Int64",
-    ColumnType.FLOAT: "float64",
-    ColumnType.TEXT: "string",
-    ColumnType.TIME: "datetime64[ns]",
-    ColumnType.NUMBERS: "object",
-}
-
-
 def _pandas_series(pandas: Any, type_: ColumnType, values: list[object]) -> Any:
-    series = pandas.Series(values, dtype=_PANDAS_TYPES[type_])
+    series = pandas.Series(values, dtype=type_.value)
     return series.dt.tz_localize("UTC") if type_ is ColumnType.TIME else series
 
 

@@ -56,9 +56,9 @@ class Place(ABC):
     def text(self, words: MessageFormatter) -> str:
         """Return the value as text. Strings from the wire are not escaped."""
 
-    @abstractmethod
     def to_json(self) -> Json:
         """Return the value as JSON data for programs."""
+        return {"type": self.type_name, **vars(self)}
 
 
 PlaceValue: TypeAlias = Union["Message", Place, str, int, float]

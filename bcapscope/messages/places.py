@@ -53,9 +53,6 @@ class Moment(Place):
     def text(self, words: MessageFormatter) -> str:
         return f"{(self.ns - words.start) / 1e9:.3f} s"
 
-    def to_json(self) -> Json:
-        return {"type": "time", "ns": self.ns}
-
 
 class Quantity(Place):
     """A measured number, such as `12.5 deg`, with `decimals` or three significant digits."""
@@ -113,15 +110,12 @@ class Count(Place):
 
     type_name = "count"
 
-    def __init__(self, number: int, unit: str) -> None:
-        self.number = number
+    def __init__(self, value: int, unit: str) -> None:
+        self.value = value
         self.unit = unit
 
     def text(self, words: MessageFormatter) -> str:
-        return words.plural(f"count.{self.unit}", self.number)
-
-    def to_json(self) -> Json:
-        return {"type": "count", "value": self.number, "unit": self.unit}
+        return words.plural(f"count.{self.unit}", self.value)
 
 
 class Times(Place):
@@ -193,23 +187,19 @@ def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
 class CallPlace(Place):
     """A call, named by its command, or by its function if it has no command.
 
-    `serial` is that of the first attempt; None to show only the name. `number` counts the calls in the
-    traffic.
+    `serial` is that of the first attempt; None to show only the name. `call` counts the calls in the traffic.
     """
 
     type_name = "call"
 
-    def __init__(self, name: str, serial: int | None, number: int) -> None:
+    def __init__(self, name: str, serial: int | None, call: int) -> None:
         self.name = name
         self.serial = serial
-        self.number = number
+        self.call = call
 
     def text(self, words: MessageFormatter) -> str:
         name = shortened(self.name)
         return name if self.serial is None else f"{name} {self.serial}"
-
-    def to_json(self) -> Json:
-        return {"type": "call", "name": self.name, "serial": self.serial, "call": self.number}
 
 
 class ClientPlace(Place):
@@ -225,9 +215,6 @@ class ClientPlace(Place):
         if words.only_client:
             return words("client.only")
         return words("client.named", address=self.address, transport=self.transport.upper())
-
-    def to_json(self) -> Json:
-        return {"type": "client", "address": self.address, "transport": self.transport}
 
 
 class WireText(Place):
@@ -245,18 +232,33 @@ class WireText(Place):
         return self.value
 
 
-class _Several:
+class Enumeration(Place):
+    """Several texts in one line, separated by commas."""
+
+    type_name = "enumeration"
+    separator = "list.comma"
+
     def __init__(self, items: tuple[Message | str, ...]) -> None:
         self.items = items
 
     def texts(self, words: MessageFormatter) -> list[str]:
         return [each if isinstance(each, str) else words.text(each) for each in self.items]
 
+    def text(self, words: MessageFormatter) -> str:
+        return words(self.separator).join(self.texts(words))
+
     def to_json(self) -> Json:
         return [str(each) for each in self.items]
 
 
-class Listing(_Several, Place):
+class Clauses(Enumeration):
+    """Several texts in one line, separated by semicolons."""
+
+    type_name = "clauses"
+    separator = "list.semicolon"
+
+
+class Listing(Enumeration):
     """Several texts in one line, with "and" before the last text."""
 
     type_name = "list"
@@ -268,24 +270,6 @@ class Listing(_Several, Place):
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
 
 
-class Enumeration(_Several, Place):
-    """Several texts in one line, separated by commas."""
-
-    type_name = "enumeration"
-
-    def text(self, words: MessageFormatter) -> str:
-        return words("list.comma").join(self.texts(words))
-
-
-class Clauses(_Several, Place):
-    """Several texts in one line, separated by semicolons."""
-
-    type_name = "clauses"
-
-    def text(self, words: MessageFormatter) -> str:
-        return words("list.semicolon").join(self.texts(words))
-
-
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
     """Join clauses into one message, and leave out repeated clauses."""
     items = tuple(dict.fromkeys(clauses))
@@ -294,7 +278,7 @@ def joined_clauses(clauses: Iterable[Message]) -> Message | None:
     return Message("list.clauses", items=Clauses(items))
 
 
-class IndentedLines(_Several, Place):
+class IndentedLines(Enumeration):
     """Texts that a message shows below its sentence, each text on its own line."""
 
     type_name = "lines"

@@ -56,7 +56,7 @@ def shell_command(
         return None
     skipped = 1 if subject is not None and _is_opened_by_call(subject) else 0
     pairs = list(zip(function.params, arguments, strict=True))[skipped:]
-    texts = [_word(param, argument) for param, argument in pairs]
+    texts = [argument_text(param, argument) for param, argument in pairs]
     if None in texts:
         return None
     names = _name_options(subject) if skipped else []
@@ -103,7 +103,8 @@ def _name_options(subject: ObjectHandle | None) -> list[str]:
     return words
 
 
-def _word(param: Param, argument: Variant) -> str | None:
+def argument_text(param: Param, argument: Variant) -> str | None:
+    """Return an argument as a user types it; None if the notation cannot express it."""
     if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
         return argument.value
     return typed_text(argument)

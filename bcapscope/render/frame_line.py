@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, AnyStr, Generic, TypeAlias
 
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.arguments import Argument, Problem
@@ -35,6 +35,8 @@ from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
+FormatKey: TypeAlias = "tuple[Flow, FrameTemplate, CallKind | None]"
+
 MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 
 MAX_RAW_BYTES = 48  # of malformed bytes in a line
@@ -58,7 +60,7 @@ class FrameLineRenderer:
         self._is_brief = brief
         self._words = words
         self._write_time = timestamp_writer(time_format)
-        self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
+        self._templates: dict[FormatKey, FrameFormat[str]] = {}
 
     def set_time_origin(self, time: int) -> None:
         """Count relative times from `time` (ns since 1970) instead of from the first line."""
@@ -97,7 +99,7 @@ class FrameLineRenderer:
     def _reason(self, problem: Problem) -> str:
         return printable(self._words.text(problem.reason))
 
-    def _make_template(self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame) -> LineTemplate:
+    def _make_template(self, key: FormatKey, frame: Frame) -> FrameFormat[str]:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = template = self._template_builder(key[0], frame, key[2]).build()
@@ -125,7 +127,7 @@ class FrameLineRenderer:
             return name
         return f"{name} {color.name}{printable(call_kind.command[:LONGEST_STRING])}{color.reset}"
 
-    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplate:
+    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> FrameFormat[str]:
         builder = self._template_builder(flow, frame, call_kind)
         if frame.framing is not Framing.PLAIN:
             builder.add_text(f" [{frame.framing.value}]")
@@ -165,20 +167,23 @@ TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
 _SHOWN_BEFORE = ("bstrCommand",)  # arguments whose values are next to the function's name
 
 
-class LineTemplate:
-    """A format string for one line of text.
+class FrameFormat(Generic[AnyStr]):
+    """A %-format for a line of text or a JSON object.
 
-    The format string `text` begins with the placeholders for the values of `head`. For each element of
-    `places`, `text` then contains one ``%s``.
+    The format begins with the placeholders for the values of `head`. One placeholder per element of `places`
+    follows.
     """
 
     __slots__ = ("places", "text")
 
-    def __init__(self, text: str, places: Sequence[TemplatePlace]) -> None:
-        self.text = text
-        self.places = tuple(places)
+    def __init__(self, text: AnyStr, places: Sequence[tuple[int | slice, Callable[[Any], AnyStr]]]) -> None:
+        self.text: AnyStr = text
+        self.places: tuple[tuple[int | slice, Callable[[Any], AnyStr]], ...] = tuple(places)
 
-    def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> str:
+    def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> AnyStr:
+        if len(self.places) == 1:
+            where, write = self.places[0]
+            return self.text % (*head, write(numbers[where]))
         return self.text % (*head, *[write(numbers[where]) for where, write in self.places])
 
 
@@ -214,8 +219,8 @@ class LineTemplateBuilder:
         else:
             self.add_text(_constant(variant))
 
-    def build(self) -> LineTemplate:
-        return LineTemplate("".join(self._pieces), self._places)
+    def build(self) -> FrameFormat[str]:
+        return FrameFormat("".join(self._pieces), self._places)
 
     def _add_constant(self, variant: Variant, typed: bool) -> None:
         """Add a value that is the same in all frames that share the template."""

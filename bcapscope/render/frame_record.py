@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import TypeAlias
 
@@ -13,7 +13,6 @@ from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.frame_template import (
     FrameNumbers,
-    FrameTemplate,
     iter_numbers,
     number_counts,
     numbers_of_arguments,
@@ -21,6 +20,7 @@ from bcapscope.protocol.codec.frame_template import (
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.protocol.tables.function_table import function_name, request_param, result_param
 from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.render.frame_line import FormatKey, FrameFormat
 from bcapscope.render.json_values import json_number, json_text, result_object, text_fragment, time_fragment
 from bcapscope.render.number import currency_text, date_text
 from bcapscope.render.timestamp import epoch_text
@@ -39,23 +39,6 @@ _Place: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 def json_template(members: dict[str, object]) -> bytes:
     """Return JSON as a %-format. ``%d`` replaces `INTEGER_PLACE`, and ``%b`` replaces `JSON_PLACE`."""
     return orjson.dumps(members).replace(b"%", b"%%").replace(b"\1", b"%d").replace(b"\0", b"%b")
-
-
-class _RecordTemplate:
-    """The JSON object of a frame, with placeholders for the numbers that differ between similar frames."""
-
-    __slots__ = ("_places", "_text")
-
-    def __init__(self, members: dict[str, object], places: Sequence[_Place]) -> None:
-        self._text = json_template(members)
-        self._places = tuple(places)
-
-    def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> bytes:
-        places = self._places
-        if len(places) == 1:
-            where, write = places[0]
-            return self._text % (*head, write(numbers[where]))
-        return self._text % (*head, *[write(numbers[where]) for where, write in places])
 
 
 class _ArgumentConverter:
@@ -117,7 +100,7 @@ _EXTRA_MEMBERS: dict[int, tuple[str, Callable[[object], str]]] = {
 
 class FrameRecordRenderer:
     def __init__(self) -> None:
-        self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], _RecordTemplate] = {}
+        self._templates: dict[FormatKey, FrameFormat[bytes]] = {}
 
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
@@ -140,9 +123,7 @@ class FrameRecordRenderer:
         form = self._templates.get(key) or self._make_template(key, item)
         return form.fill(head, found[1])
 
-    def _make_template(
-        self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame
-    ) -> _RecordTemplate:
+    def _make_template(self, key: FormatKey, frame: Frame) -> FrameFormat[bytes]:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = form = _make_record_template(key[0], frame, key[2], ())
@@ -179,7 +160,7 @@ def _ends(flow: Flow) -> dict[str, object]:
 
 def _make_record_template(
     flow: Flow, frame: Frame, call_kind: CallKind | None, problems: tuple[Problem, ...]
-) -> _RecordTemplate:
+) -> FrameFormat[bytes]:
     function_id = call_kind.function_id if call_kind else None
     is_request = flow.direction is Direction.REQUEST
     code = None if is_request else frame.code
@@ -209,7 +190,7 @@ def _make_record_template(
         **_problem_members(problems),
         **({"raw": frame.raw.hex()} if problems else {}),
     }
-    return _RecordTemplate(members, converter.places)
+    return FrameFormat(json_template(members), converter.places)
 
 
 def _problem_members(problems: tuple[Problem, ...]) -> dict[str, object]:

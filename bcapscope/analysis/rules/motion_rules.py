@@ -91,7 +91,7 @@ def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]
     )
     clause = Message("clause.speed-changed-in-motion", call=change.call)
     frames = tuple(sorted({*motion.frames, *change.frames}))
-    rule, time, number = RULES["speed-changed-in-motion"], change.ended, change.call.number
+    rule, time, number = RULES["speed-changed-in-motion"], change.ended, change.call.call
     yield Occurrence(rule, time, time, change.conversation, frames, fact, clause, number)
 
 
