@@ -89,7 +89,6 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
         super().__init__(name, default, {})
 
     def any2i_one(self, pkt: Packet | None, x: Any) -> Any:
-        """Accept a name, a signed number or an unsigned number."""
         if isinstance(x, str):
             return self._find(x)
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
@@ -211,7 +210,6 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> Any:
-        """Select this layer for bytes that begin like a frame, and scapy's raw layer for other bytes."""
         if _pkt is None or (_pkt[:1] == bytes((SOH,)) and len(_pkt) >= HEADER_SIZE):
             return cls
         return conf.raw_layer
@@ -326,7 +324,6 @@ class BCAP(Packet):  # type: ignore[misc] # as above
             self.fields.pop("function", None)
 
     def hide_defaults(self) -> None:
-        """Keep the field that makes the frame a request or a reply."""
         kept = {name: self.fields[name] for name in ("function", "hresult") if name in self.fields}
         super().hide_defaults()
         self.fields.update(kept)
@@ -391,7 +388,6 @@ def _whole_frame_size(data: bytes) -> int:
 
 
 def _with_payloads(layers: list[Packet], padding: bytes) -> Packet:
-    """Return the first layer, with each layer as the payload of the one before, and the padding last."""
     if padding:
         layers.append(conf.padding_layer(padding))
     for outer, inner in reversed(list(pairwise(layers))):

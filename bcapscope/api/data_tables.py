@@ -30,15 +30,11 @@ class ColumnType(Enum):
     OPTIONAL_INTEGER = "Int64"
     FLOAT = "float64"
     TEXT = "string"
-    TIME = "datetime64[ns]"
-    """Time in ns since 1970, UTC."""
-    NUMBERS = "object"
-    """Lists of floats."""
+    TIME = "datetime64[ns]"  # ns since 1970, UTC
+    NUMBERS = "object"  # lists of floats
 
 
 class DataColumn(NamedTuple, Generic[T]):
-    """A column of a table, with the function that returns the column's value for a record."""
-
     name: str
     type: ColumnType
     read: Callable[[T], object]

@@ -57,12 +57,10 @@ class Place(ABC):
         """Return the value as text. Strings from the wire are not escaped."""
 
     def to_json(self) -> Json:
-        """Return the value as JSON data for programs."""
         return {"type": self.type_name, **vars(self)}
 
 
 PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
-"""Value of a placeholder: a typed value, another message, a string or a number."""
 
 
 class Message:
@@ -142,7 +140,6 @@ class MessageFormatter:
         self.find_frame = find_frame
 
     def __call__(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the text of the message with this id and these values of placeholders."""
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
@@ -168,7 +165,6 @@ class MessageFormatter:
         return template.replace("{n}", str(number))
 
     def sentences(self, texts: Iterable[str]) -> str:
-        """Join sentences with spaces between them; in Japanese, without spaces."""
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:

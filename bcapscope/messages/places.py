@@ -13,7 +13,6 @@ _MS = 1_000_000
 
 
 def duration_text(nanoseconds: int) -> str:
-    """Format a duration in ms or s with two or three significant digits."""
     ms = nanoseconds / _MS
     if ms >= 999.5:
         return f"{ms / 1000:.3g} s" if ms < 999_500 else f"{ms / 1000:.0f} s"

@@ -216,7 +216,6 @@ def _type(vt: int) -> str:
 
 
 def _literal(value: object) -> str:
-    """Return a value as a Python literal without control characters."""
     if isinstance(value, Variant):
         return _variant_literal(value)
     if isinstance(value, float):

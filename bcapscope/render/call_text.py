@@ -140,7 +140,6 @@ class CallRenderer:
         return self._located(self._frames_text.format(requests, ",".join(map(str, numbers))), call)
 
     def _located(self, frames: str, call: Call) -> str:
-        """Append the captures and packet numbers of the frames if bcapscope reads several captures."""
         origins = origins_text((event.observation.number for event in call.frames), self._words)
         return f"{frames} ({origins})" if origins else frames
 
@@ -166,7 +165,6 @@ class CallRenderer:
         return f"  {color.problem}{words('list.comma').join(parts)}{color.reset}" if parts else ""
 
     def _place_remarks(self, call: Call) -> Iterator[str]:
-        """If the call was captured at two places, say where its frames were lost or held."""
         words, lost = self._words, call.lost_between
         if lost:
             case = "proxy" if lost[0].is_relayed else "between"
@@ -220,7 +218,6 @@ def _session_message(session: ServiceSession) -> Message:
 
 
 def _subject_text(call: Call, subject: TrackedObject | None) -> str:
-    """Name the object of a call's handle, and the object that the call opens."""
     function = FUNCTIONS.get(call.kind.function_id)
     text = ""
     if subject is not None and function is not None:

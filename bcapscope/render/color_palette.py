@@ -19,8 +19,7 @@ class Palette:
     reset: str = ""
 
 
-PLAIN = Palette()
-"""Palette without colours: for output to a pipe or file, and if NO_COLOR is set."""
+PLAIN = Palette()  # for output to a pipe or file, and if NO_COLOR is set
 
 ANSI = Palette(
     number="\x1b[36m",

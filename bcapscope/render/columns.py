@@ -35,7 +35,6 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
 
 
 def fit_line(line: str, width: int) -> str:
-    """Return a line cut to `width` columns; a cut line ends with an ellipsis."""
     if display_width(line) <= width:
         return line
     fitted = _prefix(line, width - 1)
@@ -63,7 +62,6 @@ def fold_line(line: str, width: int) -> str:
 
 
 def _prefix(text: str, width: int) -> str:
-    """Return as many characters as fit into `width` columns, but at least one."""
     size = 1
     while size < len(text) and display_width(text[: size + 1]) <= width:
         size += 1

@@ -48,8 +48,6 @@ def csv_cell(text: str) -> str:
 
 
 class _ReturningFile:
-    """A file object for `csv.writer` whose `write` returns the row instead of storing it."""
-
     def write(self, text: str) -> str:
         return text
 

@@ -198,7 +198,6 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return a line that counts the findings of each severity and the examined traffic."""
     if not totals.frames:
         return words("diagnosis.nothing")
     counts = Counter(severities)

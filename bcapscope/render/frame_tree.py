@@ -25,14 +25,10 @@ MAX_ELEMENTS = 32  # of an array; the option `full` shows all
 
 
 class FieldRowKind(Enum):
-    FIELD = "field"
-    """A field that contains inner fields. The rows of the inner fields follow the row of the outer field."""
-    LEAF = "leaf"
-    """A field that contains bytes and no other fields."""
-    PROBLEM = "problem"
-    """A problem with the bytes of the field in the row above."""
-    NOTE = "note"
-    """A remark about the field in the row above. A remark has no bytes."""
+    FIELD = "field"  # contains inner fields, whose rows follow
+    LEAF = "leaf"  # contains bytes and no other fields
+    PROBLEM = "problem"  # with the bytes of the field in the row above
+    NOTE = "note"  # a remark without bytes about the field in the row above
 
 
 class FieldRow(NamedTuple):
@@ -147,7 +143,6 @@ def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
 
 
 def _variant_meaning(field: FrameField, vt: int, longest: int | None, words: MessageFormatter) -> str:
-    """Describe the value of a VARIANT, with its type if the field includes the bytes of the type."""
     value = field.value
     text = value_text(value, vt, longest, words)
     if isinstance(value, tuple):

@@ -93,7 +93,6 @@ PERCENTILES = {
     **{"mean": "mean", "min": "least", "p50": "p50", "p90": "p90", "p99": "p99", "p99.9": "p999"},
     "max": "most",
 }
-"""Attributes of `DistributionSummary` by their names in JSON and CSV."""
 
 
 def percentiles_object(found: DistributionSummary) -> dict[str, object]:

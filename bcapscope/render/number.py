@@ -27,7 +27,6 @@ def date_text(days: float) -> str:
 
 
 def currency_text(raw: int) -> str:
-    """Return a CY value as a decimal amount: the integer on the wire divided by 10000."""
     return str(Decimal(raw) / CY_SCALE)
 
 

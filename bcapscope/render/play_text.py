@@ -50,7 +50,6 @@ def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORD
 
 
 def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield a line for the problem, then one for each active error of the controller."""
     yield from map(printable, words.text(trouble.text).splitlines())
     for code, text in trouble.errors:
         yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"

@@ -45,7 +45,6 @@ ORIGIN_FIELDS = (
     FilterField("file", FieldType.TEXT, tuple(RecordKind), "capture that contains the packet"),
     FilterField("file_packet", FieldType.NUMBER, tuple(RecordKind), "number of the packet in its capture"),
 )
-"""Fields for columns only: `--filter` does not know these fields."""
 
 CALL_COLUMNS = (
     *("call", "started", "t", "client", "server", "transport", "function_id", "function", "command"),

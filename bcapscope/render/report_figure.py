@@ -111,7 +111,7 @@ def axis_layout(title: str, **more: Any) -> dict[str, Any]:
 
 
 def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
-    """Round values for JSON. NaN and infinities become None, which plotly shows as a gap."""
+    """Replace NaN and infinities by None, which plotly shows as a gap."""
     return [round(value, digits) if math.isfinite(value) else None for value in values]
 
 

@@ -163,7 +163,6 @@ def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
-    """Return the sessions that have pictures, in the order in which they began."""
     worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
     return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
 
@@ -205,7 +204,8 @@ def _damage_text(damaged: DamagedFrame, words: MessageFormatter) -> str:
 
 def _moment(time: int) -> str:
     """Return a time (ns since 1970) as text in UTC, cut to milliseconds."""
-    return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
+    text = utc_text(time)
+    return text[:-7].replace("T", " ") + " UTC" if text.endswith("Z") else text
 
 
 def _script_text(code: str) -> str:
@@ -217,12 +217,9 @@ def _script_text(code: str) -> str:
 
 
 def _policy(*scripts: str) -> str:
-    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    digests = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
     )
-
-
-def _digest(script: str) -> str:
-    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")

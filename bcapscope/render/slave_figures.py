@@ -44,22 +44,18 @@ class CaptionWriter:
         return self.words("list.comma").join(map(self.text, messages))
 
     def captioned(self, caption: str, text: Message | str) -> str:
-        """Return a line that begins with the caption `slave.caption.<caption>`."""
         name = self.label(f"slave.caption.{caption}")
         space = " " * (CAPTION_WIDTH - display_width(name))
         return f"  {self.palette.dim}{name}{space}{self.palette.reset}{self.text(text)}".rstrip()
 
     def continued(self, text: Message | str) -> str:
-        """Return a line without a caption, below a captioned line."""
         return f"  {'':<{CAPTION_WIDTH}}{self.text(text)}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
-        """Yield a long text as lines without a caption, of at most `TEXT_WIDTH` columns."""
         reset = self.palette.reset if color else ""
         return (self.continued(f"{color}{line}{reset}") for line in wrap_text(self.text(text), TEXT_WIDTH))
 
     def table(self, rows: Sequence[Sequence[str]], alignments: str, head_rows: int = 1) -> Iterator[str]:
-        """Yield the lines of a table; the first `head_rows` lines are dim."""
         for number, line in enumerate(align_columns(rows, alignments)):
             is_head = number < head_rows
             yield f"  {self.palette.dim}{line}{self.palette.reset}" if is_head else f"  {line}"

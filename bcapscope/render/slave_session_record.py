@@ -49,11 +49,7 @@ def slave_session_record(slave_session: SlaveSession) -> bytes:
 
 
 def _session(session: SlaveSession) -> _Object:
-    return {
-        "stay": session.number,
-        **conversation_object(session.conversation),
-        **_members(session),
-    }
+    return {"stay": session.number, **conversation_object(session.conversation), **_members(session)}
 
 
 def _distribution(found: DistributionSummary) -> _Object:

@@ -60,11 +60,9 @@ _FIGURES = {
     "calls_per_s": "calls_per_second",
     "line_time_share": "line_time_share",
 }
-"""Attributes of `CallFigures` by their names in JSON and CSV."""
 
 
 def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the name of a function, followed by its command if there is one."""
     if call_kind is OTHER_KINDS:
         return words("stats.others")
     name = function_name(call_kind.function_id)
@@ -128,7 +126,6 @@ def _with_header(
     palette: Palette,
     words: MessageFormatter,
 ) -> Iterator[str]:
-    """Yield a table. `columns` selects the headings of all columns after the first."""
     head = (caption, *(words(f"stats.column.{name}") for name in columns))
     first, *others = align_columns([head, *rows], "<" + ">" * len(columns))
     yield f"{palette.dim}{first}{palette.reset}"
@@ -164,7 +161,6 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
 
 
 def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: MessageFormatter) -> Iterator[str]:
-    """Yield a table with the delays and losses of each conversation that was captured at two places."""
     if not places:
         return
     rows = [

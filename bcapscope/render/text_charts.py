@@ -18,7 +18,6 @@ _LARGEST = 1e9
 
 
 ChartCurve: TypeAlias = "tuple[Sequence[tuple[float, float]], str]"
-"""The points of a curve, and its ANSI colour sequence."""
 
 
 def braille_chart(
@@ -88,7 +87,6 @@ def _label(row: int, rows: int, low: float, high: float, unit: str) -> str:
 
 
 def _short(value: float, unit: str) -> str:
-    """Return a number with its unit, and with the most digits, up to four, that fit into the label."""
     texts = (f"{value:.{digits}g}{unit}" for digits in (4, 3, 2, 1))
     return next((text for text in texts if len(text) <= _LABEL), f"{value:.0e}")
 

@@ -10,14 +10,10 @@ _SECOND = 1_000_000_000
 
 
 class TimeFormat(StrEnum):
-    RELATIVE = "relative"
-    """Seconds since the first frame."""
-    DELTA = "delta"
-    """Seconds since the previous line; in the first line of the output, since the first frame."""
-    UTC = "utc"
-    """Date and time of day, UTC."""
-    EPOCH = "epoch"
-    """Seconds since 1970-01-01 UTC."""
+    RELATIVE = "relative"  # seconds since the first frame
+    DELTA = "delta"  # seconds since the previous line; in the first line, since the first frame
+    UTC = "utc"  # date and time of day
+    EPOCH = "epoch"  # seconds since 1970-01-01 UTC
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:

@@ -53,7 +53,6 @@ def _float_text(value: float, vt: int) -> str:
 
 
 def reply_values_text(reply: Frame, full: bool = False) -> str:
-    """Return the values of a reply as text, or ``(EMPTY)`` if the reply has no values."""
     return "  ".join(variant_values_text(value, full) for value in reply.variants) or _EMPTY
 
 
@@ -101,7 +100,6 @@ def typed_text(variant: Variant) -> str | None:
 
 
 def type_word(vt: int) -> str:
-    """Return the name of a type in the notation, such as ``i4`` or ``r4[]``."""
     base = vt & ~ARRAY
     name = VT(base).name.lower() if base in VT.__members__.values() else f"0x{base:04x}"
     return f"{name}[]" if vt & ARRAY else name

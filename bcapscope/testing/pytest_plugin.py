@@ -83,7 +83,6 @@ def _remember(request: pytest.FixtureRequest, source: RecordingContext) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add the b-CAP traffic to the report of a test that failed."""
     report = yield
     if report.failed and report.when == "call":
         for name, source in item.stash.get(_SOURCES, {}).items():

@@ -27,7 +27,7 @@ _NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    """The options of a capture interface are invalid; the error text names the invalid option."""
+    """The text names the invalid option."""
 
 
 class DialogType(StrEnum):
@@ -66,7 +66,6 @@ class DialogOption:
     each_value: re.Pattern[str] | None = None
 
     def words(self, value: str) -> list[str]:
-        """Return the words that the option adds to the command line."""
         if self.type is DialogType.SWITCH:
             return [self.call] if value == "true" else []
         values = [value] if self.each_value is None else self.each_value.findall(value)
@@ -253,7 +252,6 @@ def link_type_sentences() -> Iterator[str]:
 
 
 def option_sentences(source: CaptureSource) -> Iterator[str]:
-    """Yield a sentence for each option and for each value of a list."""
     for number, option in enumerate(source.options):
         yield _sentence("arg", number=number, **_input(option))
         for value, display in option.choices.items():

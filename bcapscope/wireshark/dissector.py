@@ -23,8 +23,7 @@ from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, RETRY_WITHIN_NS
 from bcapscope.traffic.recent_serials import MAX_SERIALS
 from bcapscope.traffic.serial_table import MAX_REUSED
 
-PARTS = ("inflate", "decoder", "splitter", "dissector")
-"""The fixed Lua parts. Each uses what the earlier parts export."""
+PARTS = ("inflate", "decoder", "splitter", "dissector")  # each uses what the earlier parts export
 
 _EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
 

@@ -18,8 +18,7 @@ from bcapscope.wireshark.dissector import dissector_text
 IS_WINDOWS = sys.platform == "win32"
 LAUNCHER_NAME = "bcapscope.bat" if IS_WINDOWS else "bcapscope"
 DISSECTOR_NAME = "bcapscope.lua"
-COLORING_RULES_NAME = "bcapscope.colorfilters"
-"""Wireshark loads only .lua files from the folder, so the user must import the coloring rules."""
+COLORING_RULES_NAME = "bcapscope.colorfilters"  # the user must import it: Wireshark loads only .lua files
 
 _OWN_MARK = b"bcapscope"
 _MARK_WITHIN = 400  # bytes
@@ -83,7 +82,6 @@ def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
 
 
 def _check_own(path: Path) -> None:
-    """Check that bcapscope wrote the file at `path`, if there is one."""
     if not os.path.lexists(path):
         return
     try:
@@ -173,7 +171,6 @@ _COLORING_RULES = (
 
 
 def coloring_rules_text() -> str:
-    """Return a file that Wireshark imports under View > Coloring Rules."""
     lines = [
         f"@b-CAP {name}@{display_filter}@{_color(background)}{_color(text)}"
         for name, display_filter, background, text in _COLORING_RULES
