@@ -216,13 +216,11 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return the complete frames of a stream, with the following bytes as padding; None if no frame is
-        complete.
+        """Return complete frames, with the following bytes as padding, or None. Other bytes are raw layers.
 
-        Bytes outside any frame become raw layers. For scapy's `TCPSession`, the returned packet holds all
-        complete frames. With one frame per packet, `TCPSession` of scapy 2.8 would lose track of a stream in
-        which an unfinished frame follows two frames. For a scapy socket, the returned packet holds only one
-        frame, so that scapy's `sr1` can identify a reply.
+        For scapy's `TCPSession`, return all complete frames. With one frame per packet, `TCPSession` of
+        scapy 2.8 would lose track of a stream in which an unfinished frame follows two frames. For a scapy
+        socket, return only one frame, so that scapy's `sr1` can identify a reply.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)

@@ -44,13 +44,11 @@ class CallRecordRenderer:
         self._templates: dict[_TemplateKey, bytes] = {}
 
     def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
-        """Return a call as one JSON object, without a line end. `subject` is the object that the call's
-        handle refers to. The JSON member `object` contains `subject.label`, such as `Robot 1`.
+        """Return a call as one JSON object, without a line end. `subject` is the object of its handle.
 
-        `started` is in seconds since 1970. `latency_ms` is the time from the first request to the accepted
-        reply. `rtt_ms` is the time from the answered attempt to the accepted reply. All lists except
-        `serials` and `places` hold frame numbers. If the call was captured at two places, `places` has one
-        object per frame.
+        `started` is in seconds since 1970. `latency_ms` counts from the first request, `rtt_ms` from the
+        answered attempt. All lists except `serials` and `places` hold frame numbers. `places` has one object
+        per frame if the call was captured at two places.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain or isinstance(request, JoinedObservation):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import orjson
 
@@ -33,7 +33,7 @@ MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 JSON_PLACE, INTEGER_PLACE = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
 """Placeholders in a template. A JSON encoder escapes these control characters in texts."""
 
-_Place: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
+_Place: TypeAlias = "tuple[int | slice, Callable[[Any], bytes]]"
 
 
 def json_template(members: dict[str, object]) -> bytes:
@@ -69,7 +69,7 @@ class _ArgumentConverter:
             found["value"] = _without_numbers(value)
         return found
 
-    def _number(self, where: int | slice, write: Callable[[object], bytes]) -> orjson.Fragment:
+    def _number(self, where: int | slice, write: Callable[[Any], bytes]) -> orjson.Fragment:
         if self._constants is not None:
             return orjson.Fragment(write(self._constants[where]))
         self.places.append((where, write))
@@ -84,17 +84,17 @@ def _without_numbers(value: object) -> object:
     return list(map(_without_numbers, value)) if isinstance(value, tuple) else value
 
 
-def _bytes_list(value: object) -> bytes:
-    return orjson.dumps(list(value) if isinstance(value, bytes) else [])
+def _bytes_list(value: bytes) -> bytes:
+    return orjson.dumps(list(value))
 
 
-def _converted(convert: Callable[[object], str], value: object) -> bytes:
+def _converted(convert: Callable[[Any], str], value: object) -> bytes:
     return orjson.dumps(list(map(convert, value)) if isinstance(value, tuple) else convert(value))
 
 
-_EXTRA_MEMBERS: dict[int, tuple[str, Callable[[object], str]]] = {
-    VT.CY: ("scaled", lambda raw: currency_text(raw) if isinstance(raw, int) else ""),
-    VT.DATE: ("date", lambda days: date_text(days) if isinstance(days, float) else ""),
+_EXTRA_MEMBERS: dict[int, tuple[str, Callable[[Any], str]]] = {
+    VT.CY: ("scaled", currency_text),
+    VT.DATE: ("date", date_text),
 }
 
 

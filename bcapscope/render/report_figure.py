@@ -116,8 +116,7 @@ def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | No
 
 
 class HistogramBars(NamedTuple):
-    lows: list[float]
-    highs: list[float]
+    edges: list[tuple[float, float]]
     counts: list[int]
     logarithmic: bool
 
@@ -140,5 +139,4 @@ def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramB
     edges = [(low + place * step, low + (place + 1) * step) for place in sorted(counts)]
     if spread:
         edges = [(math.exp(begin), math.exp(end)) for begin, end in edges]
-    lows, highs = [begin for begin, _ in edges], [end for _, end in edges]
-    return HistogramBars(lows, highs, [counts[place] for place in sorted(counts)], spread)
+    return HistogramBars(edges, [counts[place] for place in sorted(counts)], spread)

@@ -265,16 +265,16 @@ class _SessionDrawing:
             yield marker_trace(name, times, [0.0] * len(empty), ("x", ORANGE), texts, yaxis="y3")
 
     def _bars(self, title: str, color: str, bars: HistogramBars, number: str) -> Any:
-        pairs = list(zip(bars.lows, bars.highs, strict=True))
         counts = [self._words.plural("count.set-point", count) for count in bars.counts]
         ranges = [
-            self._words("report.hover.range", low=f"{low:.4g}", high=f"{high:.4g}") for low, high in pairs
+            self._words("report.hover.range", low=f"{low:.4g}", high=f"{high:.4g}")
+            for low, high in bars.edges
         ]
         return go.Bar(
             name=title,
-            x=[math.sqrt(low * high) if bars.logarithmic else (low + high) / 2 for low, high in pairs],
+            x=[math.sqrt(low * high) if bars.logarithmic else (low + high) / 2 for low, high in bars.edges],
             y=bars.counts,
-            width=[high - low for low, high in pairs],
+            width=[high - low for low, high in bars.edges],
             marker={"color": color, "line": {"color": color, "width": 1}},
             xaxis=f"x{number}",
             yaxis=f"y{number}",
