@@ -366,7 +366,7 @@ def _function_of(packet: Packet | None) -> Function | None:
 
 
 def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) -> Iterator[Variant]:
-    """Give each value the type that the function requires, or its own type unless `is_strict`."""
+    """Give each value the type that the function requires. If it does not fit, raise only if `is_strict`."""
     function = _function_of(packet)
     params = () if function is None else function.params[: len(values)]
     for value, param in zip_longest(values, params):

@@ -24,7 +24,7 @@ _ROWS_AT_ONCE = 65_536
 
 
 class ColumnType(Enum):
-    """Types of pandas. A value may be missing in a column of any type except `INTEGER`."""
+    """Type of a column, with its name in pandas. Only values of `INTEGER` are never missing."""
 
     INTEGER = "int64"
     OPTIONAL_INTEGER = "Int64"

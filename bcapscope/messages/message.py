@@ -27,8 +27,6 @@ def language_of(environment: Mapping[str, str]) -> Language:
     return Language.JAPANESE if name.casefold().startswith("ja") else Language.ENGLISH
 
 
-DOMAIN = "bcapscope"
-
 Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
 
@@ -216,7 +214,7 @@ def _json(value: PlaceValue) -> Json:
 def _translations(language: Language) -> GNUTranslations:
     import gettext  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
-    path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", f"{DOMAIN}.mo")
+    path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", "bcapscope.mo")
     with open(path, "rb") as compiled:
         return gettext.GNUTranslations(compiled)
 

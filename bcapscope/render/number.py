@@ -51,7 +51,7 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Write an R4 value with the fewest digits, from seven to nine, from which it can be parsed again."""
+    """Write an R4 value with the fewest digits, from seven to nine, that give the same value when parsed."""
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return number_text(float(next(same, f"{value:.9g}")))

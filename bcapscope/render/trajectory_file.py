@@ -2,7 +2,7 @@
 
 The CSV is comma-separated UTF-8 text without a byte order mark, quotes or comments. Lines end in LF. Numbers
 have a decimal point; `nan`, `inf` and `-inf` are possible. A parser gets exactly the number that the client
-sent. An empty cell means that a value is missing. Programs should find columns by name:
+sent. A missing value is an empty cell (null in JSON). Programs should find columns by name:
 
 ``time_s``
     Time at which the client first sent the set point, in seconds since the first set point in the file.
