@@ -161,7 +161,7 @@ LONGEST_STRING = 120
 MAX_ELEMENTS = 32  # of an array in a line
 
 NumberWriter: TypeAlias = Callable[[Any], str]
-TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
+FormatPlace: TypeAlias = tuple[int | slice, Callable[[Any], AnyStr]]
 """The numbers of the frame that fill a placeholder, as index or slice, and the function that formats them."""
 
 _SHOWN_BEFORE = ("bstrCommand",)  # arguments whose values are next to the function's name
@@ -176,9 +176,9 @@ class FrameFormat(Generic[AnyStr]):
 
     __slots__ = ("places", "text")
 
-    def __init__(self, text: AnyStr, places: Sequence[tuple[int | slice, Callable[[Any], AnyStr]]]) -> None:
+    def __init__(self, text: AnyStr, places: Sequence[FormatPlace[AnyStr]]) -> None:
         self.text: AnyStr = text
-        self.places: tuple[tuple[int | slice, Callable[[Any], AnyStr]], ...] = tuple(places)
+        self.places: tuple[FormatPlace[AnyStr], ...] = tuple(places)
 
     def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> AnyStr:
         if len(self.places) == 1:
@@ -191,7 +191,7 @@ class LineTemplateBuilder:
     def __init__(self, head: str = "") -> None:
         """`head` is a %-format."""
         self._pieces = [head]
-        self._places: list[TemplatePlace] = []
+        self._places: list[FormatPlace[str]] = []
         self._numbers_placed = 0
 
     def add_text(self, text: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import orjson
 
@@ -20,7 +20,7 @@ from bcapscope.protocol.codec.frame_template import (
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.protocol.tables.function_table import function_name, request_param, result_param
 from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.render.frame_line import FormatKey, FrameFormat
+from bcapscope.render.frame_line import FormatKey, FormatPlace, FrameFormat
 from bcapscope.render.json_values import json_number, json_text, result_object, text_fragment, time_fragment
 from bcapscope.render.number import currency_text, date_text
 from bcapscope.render.timestamp import epoch_text
@@ -33,8 +33,6 @@ MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 JSON_PLACE, INTEGER_PLACE = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
 """Placeholders in a template. A JSON encoder escapes these control characters in texts."""
 
-_Place: TypeAlias = "tuple[int | slice, Callable[[Any], bytes]]"
-
 
 def json_template(members: dict[str, object]) -> bytes:
     """Return JSON as a %-format. ``%d`` replaces `INTEGER_PLACE`, and ``%b`` replaces `JSON_PLACE`."""
@@ -46,7 +44,7 @@ class _ArgumentConverter:
 
     def __init__(self, constants: FrameNumbers | None = None) -> None:
         """If `constants` is given, the JSON contains these numbers instead of placeholders."""
-        self.places: list[_Place] = []
+        self.places: list[FormatPlace[bytes]] = []
         self._constants = constants
         self._numbers_placed = 0
 
