@@ -60,7 +60,7 @@ class FrameLineRenderer:
         self._is_brief = brief
         self._words = words
         self._write_time = timestamp_writer(time_format)
-        self._templates: dict[FormatKey, FrameFormat[str]] = {}
+        self._templates: dict[FormatKey, PlaceholderFormat[str]] = {}
 
     def set_time_origin(self, time: int) -> None:
         """Count relative times from `time` (ns since 1970) instead of from the first line."""
@@ -99,7 +99,7 @@ class FrameLineRenderer:
     def _reason(self, problem: Problem) -> str:
         return printable(self._words.text(problem.reason))
 
-    def _make_template(self, key: FormatKey, frame: Frame) -> FrameFormat[str]:
+    def _make_template(self, key: FormatKey, frame: Frame) -> PlaceholderFormat[str]:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = template = self._template_builder(key[0], frame, key[2]).build()
@@ -127,7 +127,7 @@ class FrameLineRenderer:
             return name
         return f"{name} {color.name}{printable(call_kind.command[:LONGEST_STRING])}{color.reset}"
 
-    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> FrameFormat[str]:
+    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> PlaceholderFormat[str]:
         builder = self._template_builder(flow, frame, call_kind)
         if frame.framing is not Framing.PLAIN:
             builder.add_text(f" [{frame.framing.value}]")
@@ -167,7 +167,7 @@ FormatPlace: TypeAlias = tuple[int | slice, Callable[[Any], AnyStr]]
 _SHOWN_BEFORE = ("bstrCommand",)  # arguments whose values are next to the function's name
 
 
-class FrameFormat(Generic[AnyStr]):
+class PlaceholderFormat(Generic[AnyStr]):
     """A %-format for a line of text or a JSON object.
 
     The format begins with the placeholders for the values of `head`. One placeholder per element of `places`
@@ -219,8 +219,8 @@ class LineTemplateBuilder:
         else:
             self.add_text(_constant(variant))
 
-    def build(self) -> FrameFormat[str]:
-        return FrameFormat("".join(self._pieces), self._places)
+    def build(self) -> PlaceholderFormat[str]:
+        return PlaceholderFormat("".join(self._pieces), self._places)
 
     def _add_constant(self, variant: Variant, typed: bool) -> None:
         """Add a value that is the same in all frames that share the template."""

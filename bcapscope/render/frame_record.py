@@ -20,7 +20,7 @@ from bcapscope.protocol.codec.frame_template import (
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.protocol.tables.function_table import function_name, request_param, result_param
 from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.render.frame_line import FormatKey, FormatPlace, FrameFormat
+from bcapscope.render.frame_line import FormatKey, FormatPlace, PlaceholderFormat
 from bcapscope.render.json_values import json_number, json_text, result_object, text_fragment, time_fragment
 from bcapscope.render.number import currency_text, date_text
 from bcapscope.render.timestamp import epoch_text
@@ -98,7 +98,7 @@ _EXTRA_MEMBERS: dict[int, tuple[str, Callable[[Any], str]]] = {
 
 class FrameRecordRenderer:
     def __init__(self) -> None:
-        self._templates: dict[FormatKey, FrameFormat[bytes]] = {}
+        self._templates: dict[FormatKey, PlaceholderFormat[bytes]] = {}
 
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
@@ -121,7 +121,7 @@ class FrameRecordRenderer:
         form = self._templates.get(key) or self._make_template(key, item)
         return form.fill(head, found[1])
 
-    def _make_template(self, key: FormatKey, frame: Frame) -> FrameFormat[bytes]:
+    def _make_template(self, key: FormatKey, frame: Frame) -> PlaceholderFormat[bytes]:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = form = _make_record_template(key[0], frame, key[2], ())
@@ -158,7 +158,7 @@ def _ends(flow: Flow) -> dict[str, object]:
 
 def _make_record_template(
     flow: Flow, frame: Frame, call_kind: CallKind | None, problems: tuple[Problem, ...]
-) -> FrameFormat[bytes]:
+) -> PlaceholderFormat[bytes]:
     function_id = call_kind.function_id if call_kind else None
     is_request = flow.direction is Direction.REQUEST
     code = None if is_request else frame.code
@@ -188,7 +188,7 @@ def _make_record_template(
         **_problem_members(problems),
         **({"raw": frame.raw.hex()} if problems else {}),
     }
-    return FrameFormat(json_template(members), converter.places)
+    return PlaceholderFormat(json_template(members), converter.places)
 
 
 def _problem_members(problems: tuple[Problem, ...]) -> dict[str, object]:
