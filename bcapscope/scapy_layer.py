@@ -53,12 +53,10 @@ PORT = 5007
 _HEADER = struct.Struct("<BIHHIH")
 
 _MAX_LAYERS = 64
-"""Maximum number of frames from one TCP segment that become layers of one packet. All further frames become
-one raw layer. scapy builds and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames.
-"""
+"""Frames from one TCP segment that become layers of a packet; the rest becomes one raw layer. scapy builds
+and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames."""
 
-_UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)
-"""Matches a name such as ``Unknown(200)``, which `function_name` returns for an unknown number."""
+_UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)  # as `function_name` writes
 
 
 def _function_id(name: str) -> int:
@@ -78,32 +76,25 @@ def _result_code(name: str) -> int:
 
 
 class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
-    """A number with a name: the function of a request, or the result code of a reply. The value of the field
-    `function` is the function's name, as in filters and JSON.
-    """
+    """A number whose value is a name: the function of a request, or the result code of a reply."""
 
     __slots__ = ("_find", "_name_of")
 
     def __init__(
         self, name: str, default: int, find: Callable[[str], int], name_of: Callable[[int], str]
     ) -> None:
-        """`find` returns the number for a name, or raises InputError; `name_of` returns the name for a
-        number.
-        """
+        """`find` raises InputError for an unknown name."""
         self._find = find
         self._name_of = name_of
         super().__init__(name, default, {})
 
     def any2i_one(self, pkt: Packet | None, x: Any) -> Any:
-        """Accept a name, a signed number or an unsigned number."""
         if isinstance(x, str):
             return self._find(x)
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
 
     def i2repr_one(self, pkt: Packet | None, x: Any) -> str:
-        """Return the name of a function or result code as text. For the function of a reply and
-        for the result code of a request, the text is "None".
-        """
+        """Return the name, or "None" for the function of a reply and the result code of a request."""
         if isinstance(pkt, BCAP) and pkt.is_response is not (self.name == "hresult"):
             return "None"
         return self._name_of(x) if isinstance(x, int) else repr(x)
@@ -115,8 +106,7 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
 
 
 class _ReadArguments(list[Variant]):
-    """The arguments of a dissected frame, with their original bytes in `raw`. If you do not change the
-    arguments, scapy builds the frame with their original bytes.
+    """The arguments of a dissected frame, with the bytes from which an unchanged frame is built.
 
     `encode_argument` cannot restore the bytes of damaged arguments.
     """
@@ -127,9 +117,7 @@ class _ReadArguments(list[Variant]):
 
 
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
-    """Field with the arguments of a frame. Programs may set Python values and `Variant` objects. Programs
-    read all arguments as `Variant` objects.
-    """
+    """Programs set Python values or `Variant` objects, and read `Variant` objects."""
 
     islist = 1
 
@@ -141,9 +129,8 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         return values
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
-        """Give each argument the type from the function's definition, as `encode` does. If the type from the
-        function's definition does not fit an argument, bcapscope derives a type from the argument's value.
-        """
+        """Give each argument the type from the function's definition, or one from its value if it does not
+        fit."""
         return x if isinstance(x, RawVal) else tuple(_typed(pkt, x, is_strict=False))
 
     def do_copy(self, x: Any) -> Any:
@@ -161,7 +148,7 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         return 1 if isinstance(x, RawVal) else len(x or ())
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return types, values and names of the arguments; non-ASCII and control characters are escaped."""
+        """Return types, values and names; non-ASCII and control characters are escaped."""
         if isinstance(x, RawVal):
             return repr(x)
         variants = self.i2h(pkt, x or ())
@@ -223,20 +210,17 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> Any:
-        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all other bytes."""
         if _pkt is None or (_pkt[:1] == bytes((SOH,)) and len(_pkt) >= HEADER_SIZE):
             return cls
         return conf.raw_layer
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return the complete frames of a stream, with the following bytes as padding; None if no frame is
-        complete.
+        """Return complete frames, with the following bytes as padding, or None. Other bytes are raw layers.
 
-        Bytes outside any frame become raw layers. For scapy's `TCPSession`, the returned packet holds all
-        complete frames. With one frame per packet, `TCPSession` of scapy 2.8 would lose track of a stream in
-        which an unfinished frame follows two frames. For a scapy socket, the returned packet holds only one
-        frame, so that scapy's `sr1` can identify a reply.
+        For scapy's `TCPSession`, return all complete frames. With one frame per packet, `TCPSession` of
+        scapy 2.8 would lose track of a stream in which an unfinished frame follows two frames. For a scapy
+        socket, return only one frame, so that scapy's `sr1` can identify a reply.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -267,9 +251,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return self._is_from_controller() is True
 
     def _is_from_controller(self) -> bool | None:
-        """Return whether the ports show that the controller sent the frame; None if the ports do not show the
-        sender.
-        """
+        """Return whether the controller's port sent the frame; None if the ports do not show it."""
         ports = (getattr(self.underlayer, "sport", None), getattr(self.underlayer, "dport", None))
         return ports[0] == PORT if ports.count(PORT) == 1 else None
 
@@ -299,9 +281,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def frame(self) -> Frame:
-        """The frame, as `bcapscope.decode` returns it; the attribute `problems` of this frame describes any
-        damage.
-        """
+        """The frame, as `bcapscope.decode` returns it; its attribute `problems` describes any damage."""
         return Frame(self.self_build())
 
     def do_dissect(self, s: bytes) -> bytes:
@@ -334,9 +314,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return b"", s
 
     def setfieldval(self, attr: str, val: Any) -> None:
-        """Set a field. Setting `function` makes the frame a request; setting `hresult` makes the frame a
-        reply.
-        """
+        """Setting `function` makes the frame a request; setting `hresult` makes it a reply."""
         super().setfieldval(attr, val)
         if attr in ("function", "function_id"):
             self.fields.pop("hresult", None)
@@ -344,17 +322,12 @@ class BCAP(Packet):  # type: ignore[misc] # as above
             self.fields.pop("function", None)
 
     def hide_defaults(self) -> None:
-        """Remove fields with default values, except the field that makes the frame a request or a reply."""
         kept = {name: self.fields[name] for name in ("function", "hresult") if name in self.fields}
         super().hide_defaults()
         self.fields.update(kept)
 
     def self_build(self) -> bytes:
-        """Return the bytes of the frame.
-
-        Raises:
-            LocalProtocolError: A value does not fit its field.
-        """
+        """Raises LocalProtocolError if a value does not fit its field."""
         if self.raw_packet_cache is None:
             args = self.getfieldval("args")
             self.get_field("args").i2len(self, args)  # scapy cannot pass on an exception of bcapscope
@@ -365,7 +338,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return raw
 
     def hashret(self) -> bytes:
-        """Return the serial as bytes. scapy uses these bytes to find the reply to a request."""
+        """Return the serial, by which scapy finds the reply to a request."""
         return struct.pack("<H", self.serial)
 
     def answers(self, other: Packet) -> bool:
@@ -387,17 +360,13 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
 
 def _function_of(packet: Packet | None) -> Function | None:
-    """Return the function of a request. Return None for a reply, for a packet without b-CAP, for an unknown
-    function number, and for a list of function numbers.
-    """
+    """Return None for a reply, for an unknown number, and for a list of numbers."""
     function_id = packet.function_id if isinstance(packet, BCAP) else None
     return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
 
 
 def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) -> Iterator[Variant]:
-    """Yield each value with the type that the function requires. If a value does not fit, `is_strict`
-    decides whether to raise LocalProtocolError.
-    """
+    """Give each value the type that the function requires. If it does not fit, raise only if `is_strict`."""
     function = _function_of(packet)
     params = () if function is None else function.params[: len(values)]
     for value, param in zip_longest(values, params):
@@ -410,18 +379,13 @@ def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) 
 
 
 def _whole_frame_size(data: bytes) -> int:
-    """Return the size of the complete frame at the start of a stream. If the stream does not begin with a
-    complete frame of at most `LARGEST_UNCONFIRMED` bytes, return 0.
-    """
+    """Return the size of a frame at the start of a stream; 0 if cut off or above `LARGEST_UNCONFIRMED`."""
     length = int.from_bytes(data[1:5], "little")
     is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)
     return length if is_whole and data[0] == SOH and data[length - 1] == EOT else 0
 
 
 def _with_payloads(layers: list[Packet], padding: bytes) -> Packet:
-    """Return the first layer. Each following layer is the payload of the layer before, and the padding comes
-    last.
-    """
     if padding:
         layers.append(conf.padding_layer(padding))
     for outer, inner in reversed(list(pairwise(layers))):
@@ -430,7 +394,6 @@ def _with_payloads(layers: list[Packet], padding: bytes) -> Packet:
 
 
 def _shown(variant: Variant) -> str:
-    """Return the type and value of an argument, as ASCII text."""
     if variant.vt in (VT.EMPTY, VT.NULL):
         return vt_name(variant.vt)
     values = variant.value

@@ -24,19 +24,17 @@ _ROWS_AT_ONCE = 65_536
 
 
 class ColumnType(Enum):
-    """Type of a column's values. A value may be missing in a column of any type except `INTEGER`."""
+    """Type of a column, with its name in pandas. Only values of `INTEGER` are never missing."""
 
-    INTEGER = "integer"
-    OPTIONAL_INTEGER = "integer or missing"
-    FLOAT = "float"
-    TEXT = "text"
-    TIME = "time in ns since 1970, UTC"
-    NUMBERS = "list of floats"
+    INTEGER = "int64"
+    OPTIONAL_INTEGER = "Int64"
+    FLOAT = "float64"
+    TEXT = "string"
+    TIME = "datetime64[ns]"  # ns since 1970, UTC
+    NUMBERS = "object"  # lists of floats
 
 
 class DataColumn(NamedTuple, Generic[T]):
-    """A column of a table, with the function that returns the column's value for a record."""
-
     name: str
     type: ColumnType
     read: Callable[[T], object]
@@ -117,9 +115,7 @@ class TableRecords(Records[T]):
         return pyarrow.Table.from_batches(batches, schema)
 
     def _parts(self) -> Iterator[list[list[object]]]:
-        """Yield one list of values per column, for at most `_ROWS_AT_ONCE` records at a time. If the table
-        has no records, yield one set of empty lists.
-        """
+        """Yield the columns' values of `_ROWS_AT_ONCE` records at a time, at least one set of lists."""
         records, readers = iter(self), [column.read for column in self._columns]
         part = list(islice(records, _ROWS_AT_ONCE))
         while True:
@@ -129,18 +125,8 @@ class TableRecords(Records[T]):
                 return
 
 
-_PANDAS_TYPES = {
-    ColumnType.INTEGER: "int64",
-    ColumnType.OPTIONAL_INTEGER: "Int64",
-    ColumnType.FLOAT: "float64",
-    ColumnType.TEXT: "string",
-    ColumnType.TIME: "datetime64[ns]",
-    ColumnType.NUMBERS: "object",
-}
-
-
 def _pandas_series(pandas: Any, type_: ColumnType, values: list[object]) -> Any:
-    series = pandas.Series(values, dtype=_PANDAS_TYPES[type_])
+    series = pandas.Series(values, dtype=type_.value)
     return series.dt.tz_localize("UTC") if type_ is ColumnType.TIME else series
 
 
@@ -156,7 +142,7 @@ def _arrow_types(pyarrow: Any) -> dict[ColumnType, Any]:
 
 
 def _numbers(frame: Frame | None) -> list[float] | None:
-    """Return the numbers in the frame's last argument; None if there is no argument, or no number in it."""
+    """Return the numbers in the frame's last argument; None if it has none."""
     variants = () if frame is None else frame.variants
     numbers = (
         [float(each) for each in iter_numbers(variants[-1]) if not isinstance(each, bytes)]
@@ -172,7 +158,7 @@ def _text(text: str | None) -> str | None:
 
 
 def _time(time: int) -> int | None:
-    """Return `time`; return None if the time of a damaged capture is too large for pandas and Arrow."""
+    """Return None if the time of a damaged capture is too large for pandas and Arrow."""
     return time if abs(time) < 1 << 63 else None
 
 
@@ -201,7 +187,6 @@ FRAME_COLUMNS: tuple[DataColumn[AnnotatedFrame], ...] = (
     DataColumn("numbers", ColumnType.NUMBERS, lambda each: _numbers(each.frame)),
     DataColumn("problems", _INTEGER, lambda each: len(each.problems)),
 )
-"""Columns of frames."""
 
 CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
     DataColumn("call", _INTEGER, lambda call: call.number),
@@ -230,4 +215,3 @@ CALL_COLUMNS: tuple[DataColumn[Call], ...] = (
         lambda call: None if call.reply is None else _numbers(call.reply.item),
     ),
 )
-"""Columns of calls."""

@@ -49,11 +49,10 @@ class Capture:
         taken_at: CapturePoint | None,
         on_error: Callable[[str, CaptureError], object] | None,
     ) -> None:
-        """Prepare to read captures. The arguments have the same meaning as in `open`.
+        """Prepare to read captures, with the arguments of `open`.
 
-        Raises:
-            CaptureError: A capture cannot be opened.
-            FilterError: `expression` is invalid both as a filter for frames and as a filter for calls.
+        Raises CaptureError if a capture cannot be opened, and FilterError if `expression` is invalid both for
+        frames and for calls.
         """
         self._expression = expression
         if expression is not None:
@@ -213,9 +212,7 @@ def open(
 
 
 class _Problems:
-    """Collects the errors that occur during reading, and keeps them until all readable data have been
-    read.
-    """
+    """Keeps the errors that occur during reading until all readable data have been read."""
 
     def __init__(self, on_error: Callable[[str, CaptureError], object] | None) -> None:
         self._on_error = on_error
@@ -238,9 +235,7 @@ class _Problems:
 
 
 def _check_filter(expression: str) -> None:
-    """Check that an expression is a valid filter for frames or for calls. If both filters are invalid, raise
-    the `FilterError` with the larger `position`.
-    """
+    """If both kinds of filter are invalid, raise the `FilterError` with the larger `position`."""
     errors = []
     for kind in RecordKind:
         try:
@@ -256,11 +251,7 @@ def _call_test(wanted: Filter | None, source: CaptureInput) -> Callable[[Call], 
 
 
 def choose(word: str, choices: Mapping[str, T]) -> T:
-    """Return `choices[word]`.
-
-    Raises:
-        InputError: The word is not one of the choices.
-    """
+    """Return `choices[word]`. Raises InputError if the word is not one of the choices."""
     if word not in choices:
         values = ", ".join(map(repr, choices))
         raise InputError(Message("document.none-of", value=repr(word), values=values))

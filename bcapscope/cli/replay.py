@@ -314,7 +314,7 @@ class _ReplayRunner:
     def _print_summary(self) -> None:
         words, total = self.words, Count(len(self.script.calls), "call")
         calls = Message("replay.calls.all", calls=total)
-        if self._calls != total.number:
+        if self._calls != total.value:
             calls = Message("replay.calls.some", made=self._calls, calls=total)
         result = Message("replay.result.same")
         if self._different:

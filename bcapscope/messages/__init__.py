@@ -1,7 +1,7 @@
 """Sentences as data: each has an id, typed placeholders, and an English and a Japanese text.
 
-Every package may create a `Message`. All texts are in ``locale/*/LC_MESSAGES/bcapscope.po``, except for
-English texts in the tables of the protocol.
+All texts are in ``locale/*/LC_MESSAGES/bcapscope.po``, except for English texts in the tables of the
+protocol.
 """
 
 from bcapscope.messages.message import ENGLISH_WORDS, Language, Message, MessageFormatter, language_of

@@ -21,15 +21,11 @@ class Language(StrEnum):
 
 
 def language_of(environment: Mapping[str, str]) -> Language:
-    """Return the language that LC_ALL, LC_MESSAGES or LANG chooses, in this order, as in POSIX. By default,
-    return English.
-    """
+    """Return the language of LC_ALL, LC_MESSAGES or LANG, in this order, as in POSIX; by default English."""
     names = (environment.get(name, "") for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
     name = next(filter(None, names), "")
     return Language.JAPANESE if name.casefold().startswith("ja") else Language.ENGLISH
 
-
-DOMAIN = "bcapscope"
 
 Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
@@ -58,26 +54,18 @@ class Place(ABC):
     def text(self, words: MessageFormatter) -> str:
         """Return the value as text. Strings from the wire are not escaped."""
 
-    @abstractmethod
     def to_json(self) -> Json:
-        """Return the value as JSON data for programs."""
+        return {"type": self.type_name, **vars(self)}
 
 
 PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
-"""Value of a placeholder: a typed value, another message, a string or a number."""
 
 
 class Message:
-    """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable;
-    messages with the same contents are equal.
+    """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable.
 
-    ``str()`` returns the English sentence. Therefore, if an exception holds a message, the traceback shows
-    the sentence.
-
-    Attributes:
-        id: Key in the catalogue, such as `finding.no-reply`.
-        places: Value of each placeholder in the sentence, by the placeholder's name.
-        english: English text from a table of the protocol; None if the catalogue has the English text.
+    ``str()`` returns the English sentence, so the traceback of an exception with a message shows it.
+    `english` is a text from a table of the protocol; None if the catalogue has the English text.
     """
 
     __slots__ = ("english", "id", "places")
@@ -93,10 +81,7 @@ class Message:
 
     @classmethod
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
-        """Return a message whose English text is in a table, such as the meaning of a result code.
-
-        The catalogue has translations of this message, but no English text.
-        """
+        """Return a message whose English text is in a table. The catalogue has only its translations."""
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
         return message
@@ -128,23 +113,16 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
 
 
 def foreign_text(text: str) -> Message:
-    """Return a message with a text that another program or library made. The text of another program is not
-    translated.
-    """
+    """Return a message with the text of another program or library, which is not translated."""
     return Message.from_table("text", text)
 
 
 class MessageFormatter:
     """Converts messages to sentences in one language.
 
-    Attributes:
-        language: Language of the reader.
-        start: Start of the traffic in ns since 1970. Sentences show times relative to the start.
-        only_client: Whether sentences leave out the address of the client, because the traffic has a single
-            client.
-        find_frame: Function that takes the number of a frame. The function returns the name of the frame's
-            capture and the number of the packet in this capture, or None if the frame is unknown. Without
-            `find_frame`, sentences show only the numbers of frames.
+    `start` is in ns since 1970; sentences show times relative to it. With `only_client`, sentences leave out
+    the address of the client. `find_frame` returns the capture of a frame and its packet number, or None if
+    the frame is unknown; without it, sentences show only the numbers of frames.
     """
 
     def __init__(
@@ -160,32 +138,24 @@ class MessageFormatter:
         self.find_frame = find_frame
 
     def __call__(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the text of the message with this id and these values of placeholders. You need not create a
-        `Message`.
-        """
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a copy of this formatter for one report, with the given `start` and `only_client`."""
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:
-        """Return a copy of this formatter that also names each frame's capture and packet."""
+        """Return a formatter that also names each frame's capture and packet."""
         return MessageFormatter(self.language, self.start, self.only_client, find_frame)
 
     def text(self, message: Message) -> str:
-        """Return a message as text. This method never raises an exception. If the id is unknown, the text is
-        the id with the values of the placeholders.
-        """
+        """Return a message as text; the id with the values if the id is unknown. Raises no exception."""
         template = _template(self.language, message.id)
         if template is None:
             return self._without_template(message)
         return self._filled(template, message)
 
     def plural(self, id: str, number: int) -> str:
-        """Return the text for a number of things, in the singular or plural. The template of the text has the
-        placeholder ``{n}``.
-        """
+        """Return the text for a number of things. Its template has the placeholder ``{n}``."""
         translations = _translations(self.language)
         template = translations.ngettext(id, f"{id}.plural", number)
         if template.startswith(id):
@@ -193,13 +163,10 @@ class MessageFormatter:
         return template.replace("{n}", str(number))
 
     def sentences(self, texts: Iterable[str]) -> str:
-        """Join sentences with spaces between them; in Japanese, without spaces."""
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return the text of a placeholder's value. If the name of the type begins with a capital letter, so
-        does the text.
-        """
+        """Return a value as text, capitalised if the name of its type is."""
         if isinstance(value, Place):
             text = value.text(self)
         else:
@@ -207,9 +174,7 @@ class MessageFormatter:
         return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
-        """Fill the placeholders of a template. Remove a space of the template if Japanese characters are on
-        both sides.
-        """
+        """Fill the placeholders of a template. Remove its spaces between two Japanese characters."""
         made = ""
         for literal, name, type_name in _parsed(template):
             needless = literal[:1] == " " and _is_japanese(made[-1:]) and _is_japanese(literal[1:2])
@@ -233,7 +198,6 @@ def _is_japanese(character: str) -> bool:
 
 
 ENGLISH_WORDS = MessageFormatter()
-"""English formatter for messages outside a report."""
 
 
 def message_params(message: Message) -> dict[str, Json]:
@@ -250,7 +214,7 @@ def _json(value: PlaceValue) -> Json:
 def _translations(language: Language) -> GNUTranslations:
     import gettext  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
-    path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", f"{DOMAIN}.mo")
+    path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", "bcapscope.mo")
     with open(path, "rb") as compiled:
         return gettext.GNUTranslations(compiled)
 
@@ -261,9 +225,7 @@ def has_message(id: str) -> bool:
 
 @lru_cache(4096)
 def _template(language: Language, id: str) -> str | None:
-    """Return the template of an id in a language; in English if there is no translation. Return None if the
-    catalogue lacks the id.
-    """
+    """Return the template of an id, in English if there is no translation; None if the id is unknown."""
     found = _translations(language).gettext(id)
     if id and found != id:  # for an empty id, gettext returns the header of the catalogue
         return found
@@ -274,7 +236,5 @@ def _template(language: Language, id: str) -> str | None:
 
 @lru_cache(4096)
 def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
-    """Split a template into parts. Each part holds a literal text, and the name and type of the placeholder
-    that follows this text.
-    """
+    """Split a template into literal texts, each with the name and type of the placeholder that follows it."""
     return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

@@ -1,6 +1,4 @@
-"""Encode messages as JSON, to send them to another process. The receiving process shows the messages in the
-reader's language.
-"""
+"""Encode messages as JSON, to send them to the process that shows them in the reader's language."""
 
 from __future__ import annotations
 
@@ -30,11 +28,7 @@ def message_to_data(message: Message) -> dict[str, Json]:
 
 
 def message_from_data(data: Mapping[str, Json]) -> Message:
-    """Return the message that `message_to_data` converted to `data`.
-
-    Raises:
-        KeyError, TypeError: The data is not an encoded message.
-    """
+    """Raises KeyError or TypeError if the data is not an encoded message."""
     given = cast("Mapping[str, Json]", data.get("places", {}))
     values = {name: cast("PlaceValue", _from_data(value)) for name, value in given.items()}
     id, english = cast("str", data["id"]), cast("str | None", data.get("english"))
@@ -42,9 +36,7 @@ def message_from_data(data: Mapping[str, Json]) -> Message:
 
 
 def encode_message(message: Message) -> bytes:
-    """Return a message as one line of JSON. Lone surrogates, which UTF-8 cannot encode, become question
-    marks.
-    """
+    """Return one line of JSON. Lone surrogates, which UTF-8 cannot encode, become question marks."""
     data = message_to_data(message)
     try:
         return orjson.dumps(data)

@@ -9,10 +9,10 @@ from bcapscope.messages.message import Message
 
 
 def os_reason(error: Exception) -> Message:
-    """Return the reason of an operating system's error, in lower case and without the text that Python adds.
+    """Return the reason in lower case and without the text that Python adds.
 
-    If the error holds a `Message`, such as the error of a lost connection, return that message. Errors of
-    name resolution have no `errno`, so their text is in English only.
+    An error can hold a `Message`, such as that of a lost connection. Errors of name resolution have no
+    `errno`, so their text is in English only.
     """
     if error.args and isinstance(error.args[0], Message):
         return error.args[0]

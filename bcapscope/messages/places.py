@@ -1,6 +1,4 @@
-"""Typed values for the placeholders of messages. Each type defines how its value is written as text and as
-JSON.
-"""
+"""Typed values for the placeholders of messages, written as text and as JSON."""
 
 from __future__ import annotations
 
@@ -9,14 +7,12 @@ from itertools import groupby
 
 from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
-LONGEST_TEXT = 60
-"""Maximum number of characters of a string from the wire that a sentence shows."""
+LONGEST_TEXT = 60  # characters of a string from the wire
 
 _MS = 1_000_000
 
 
 def duration_text(nanoseconds: int) -> str:
-    """Format a duration in ms or s with two or three significant digits."""
     ms = nanoseconds / _MS
     if ms >= 999.5:
         return f"{ms / 1000:.3g} s" if ms < 999_500 else f"{ms / 1000:.0f} s"
@@ -26,9 +22,7 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def amount_text(value: float) -> str:
-    """Format a measured number with three significant digits. Large numbers keep all digits before the
-    decimal point.
-    """
+    """Format a number with three significant digits, or with all digits before the decimal point."""
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
@@ -58,18 +52,9 @@ class Moment(Place):
     def text(self, words: MessageFormatter) -> str:
         return f"{(self.ns - words.start) / 1e9:.3f} s"
 
-    def to_json(self) -> Json:
-        return {"type": "time", "ns": self.ns}
-
 
 class Quantity(Place):
-    """A measured number with its unit, such as `12.5 deg`.
-
-    Attributes:
-        value: The measured number.
-        unit: Unit of the number; "" if the number has no unit.
-        decimals: Number of digits after the decimal point; None for three significant digits in total.
-    """
+    """A measured number, such as `12.5 deg`, with `decimals` or three significant digits."""
 
     type_name = "quantity"
 
@@ -103,9 +88,7 @@ class HexNumber(Place):
 
 
 class Measured(Place):
-    """A number with its unit and a chosen number of decimals, such as `1234.56 deg`. The unit is "" if there
-    is none.
-    """
+    """A number with a chosen number of significant digits, such as `1234.56 deg`."""
 
     type_name = "measured"
 
@@ -122,24 +105,16 @@ class Measured(Place):
 
 
 class Count(Place):
-    """A number with its noun, such as `1 call` or `3 calls`.
-
-    Attributes:
-        number: Number of things.
-        unit: Kind of things, such as `call`. In the catalogue, the text has the id `count.<unit>`.
-    """
+    """A number with its noun, such as `1 call`. The noun is in the catalogue as `count.<unit>`."""
 
     type_name = "count"
 
-    def __init__(self, number: int, unit: str) -> None:
-        self.number = number
+    def __init__(self, value: int, unit: str) -> None:
+        self.value = value
         self.unit = unit
 
     def text(self, words: MessageFormatter) -> str:
-        return words.plural(f"count.{self.unit}", self.number)
-
-    def to_json(self) -> Json:
-        return {"type": "count", "value": self.number, "unit": self.unit}
+        return words.plural(f"count.{self.unit}", self.value)
 
 
 class Times(Place):
@@ -158,13 +133,7 @@ class Times(Place):
 
 
 class CodePlace(Place):
-    """A result code.
-
-    Attributes:
-        code: The code, unsigned.
-        name: The vendor's symbol, or the code in hex.
-        meaning: Meaning of the code.
-    """
+    """A result code, unsigned. `name` is the vendor's symbol, or the code in hex."""
 
     type_name = "code"
 
@@ -183,8 +152,6 @@ class CodePlace(Place):
 
 
 class FramePlace(Place):
-    """One or more frames, which are named by their numbers in the traffic."""
-
     type_name = "frames"
 
     def __init__(self, numbers: tuple[int, ...]) -> None:
@@ -198,17 +165,13 @@ class FramePlace(Place):
 
 
 def frames_text(numbers: Sequence[int], words: MessageFormatter, separator: str = ", ") -> str:
-    """Return frame numbers as text. If `words.find_frame` is set, add the captures and packet numbers of the
-    frames.
-    """
+    """Return frame numbers, with captures and packet numbers if `words.find_frame` is set."""
     frames, origins = separator.join(map(str, numbers)), origins_text(numbers, words)
     return f"{frames} ({origins})" if origins else frames
 
 
 def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
-    """Name the captures that contain the frames, with the packet numbers. If `words.find_frame` is None,
-    return "".
-    """
+    """Name the captures and packet numbers of the frames; "" if `words.find_frame` is None."""
     find_frame = words.find_frame
     if find_frame is None:
         return ""
@@ -221,36 +184,25 @@ def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
 
 
 class CallPlace(Place):
-    """A call.
+    """A call, named by its command, or by its function if it has no command.
 
-    Attributes:
-        name: Command of the call, or its function if it has no command.
-        serial: Serial of the call's first attempt; None to show only the name.
-        number: Number of the call in the traffic.
+    `serial` is that of the first attempt; None to show only the name. `call` counts the calls in the traffic.
     """
 
     type_name = "call"
 
-    def __init__(self, name: str, serial: int | None, number: int) -> None:
+    def __init__(self, name: str, serial: int | None, call: int) -> None:
         self.name = name
         self.serial = serial
-        self.number = number
+        self.call = call
 
     def text(self, words: MessageFormatter) -> str:
         name = shortened(self.name)
         return name if self.serial is None else f"{name} {self.serial}"
 
-    def to_json(self) -> Json:
-        return {"type": "call", "name": self.name, "serial": self.serial, "call": self.number}
-
 
 class ClientPlace(Place):
-    """A client. Templates write ``{client:Client}``, with a capital letter, at the start of a sentence.
-
-    Attributes:
-        address: Host and port of the client as text.
-        transport: Transport of the client in lower case, such as `udp`.
-    """
+    """A client. Templates write ``{client:Client}`` at the start of a sentence."""
 
     type_name = "client"
 
@@ -263,14 +215,9 @@ class ClientPlace(Place):
             return words("client.only")
         return words("client.named", address=self.address, transport=self.transport.upper())
 
-    def to_json(self) -> Json:
-        return {"type": "client", "address": self.address, "transport": self.transport}
-
 
 class WireText(Place):
-    """A string from the wire. The method `text` returns a shortened string, and does not escape control
-    characters. Escape the shortened string before you show it to a user.
-    """
+    """A string from the wire. `text` shortens it, but does not escape control characters."""
 
     type_name = "text"
 
@@ -284,18 +231,33 @@ class WireText(Place):
         return self.value
 
 
-class _Several:
+class Enumeration(Place):
+    """Several texts in one line, separated by commas."""
+
+    type_name = "enumeration"
+    separator = "list.comma"
+
     def __init__(self, items: tuple[Message | str, ...]) -> None:
         self.items = items
 
     def texts(self, words: MessageFormatter) -> list[str]:
         return [each if isinstance(each, str) else words.text(each) for each in self.items]
 
+    def text(self, words: MessageFormatter) -> str:
+        return words(self.separator).join(self.texts(words))
+
     def to_json(self) -> Json:
         return [str(each) for each in self.items]
 
 
-class Listing(_Several, Place):
+class Clauses(Enumeration):
+    """Several texts in one line, separated by semicolons."""
+
+    type_name = "clauses"
+    separator = "list.semicolon"
+
+
+class Listing(Enumeration):
     """Several texts in one line, with "and" before the last text."""
 
     type_name = "list"
@@ -307,33 +269,15 @@ class Listing(_Several, Place):
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
 
 
-class Enumeration(_Several, Place):
-    """Several texts in one line, separated by commas."""
-
-    type_name = "enumeration"
-
-    def text(self, words: MessageFormatter) -> str:
-        return words("list.comma").join(self.texts(words))
-
-
-class Clauses(_Several, Place):
-    """Several texts in one line, separated by semicolons."""
-
-    type_name = "clauses"
-
-    def text(self, words: MessageFormatter) -> str:
-        return words("list.semicolon").join(self.texts(words))
-
-
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
-    """Join clauses into one message, and leave out repeated clauses. If there are no clauses, return None."""
+    """Join clauses into one message, and leave out repeated clauses."""
     items = tuple(dict.fromkeys(clauses))
     if len(items) < 2:
         return items[0] if items else None
     return Message("list.clauses", items=Clauses(items))
 
 
-class IndentedLines(_Several, Place):
+class IndentedLines(Enumeration):
     """Texts that a message shows below its sentence, each text on its own line."""
 
     type_name = "lines"
@@ -343,5 +287,4 @@ class IndentedLines(_Several, Place):
 
 
 def shortened(text: str) -> str:
-    """Return at most `LONGEST_TEXT` characters of a text, followed by … if the text is longer."""
     return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + "…"

@@ -1,4 +1,1 @@
-"""Renderers for text, trees, hex dumps, tables, JSON, CSV and HTML.
-
-The renderers return strings or bytes; they do not print them.
-"""
+"""Renderers that return text, trees, hex dumps, tables, JSON, CSV and HTML. They do not print."""

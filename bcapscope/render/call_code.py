@@ -1,6 +1,4 @@
-"""Write a call as text that the user can paste: a `bcapscope call` command line, a Python program, or hex
-bytes.
-"""
+"""Write a call as text to paste: a `bcapscope call` command line, a Python program, or hex bytes."""
 
 from __future__ import annotations
 
@@ -38,8 +36,7 @@ NAMED_OWNERS = (
     ObjectClass.EXTENSION,
     ObjectClass.COMMAND,
 )
-"""Classes of objects that `bcapscope call` can open. An option such as ``--robot`` gives the name of the
-object."""
+"""Classes of objects that `bcapscope call` can open by name, with an option such as ``--robot``."""
 
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -52,17 +49,14 @@ def hex_text(raw: bytes) -> str:
 def shell_command(
     target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
-    """Return a `bcapscope call` command line that opens `subject` by its name and makes the call.
-
-    The result is None if the function is unknown, an argument has no notation, or the line would contain
-    control characters.
-    """
+    """Return a `bcapscope call` command line that opens `subject` by its name and makes the call. Return None
+    if the function is unknown, an argument has no notation, or the line would contain control characters."""
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
         return None
     skipped = 1 if subject is not None and _is_opened_by_call(subject) else 0
     pairs = list(zip(function.params, arguments, strict=True))[skipped:]
-    texts = [_word(param, argument) for param, argument in pairs]
+    texts = [argument_text(param, argument) for param, argument in pairs]
     if None in texts:
         return None
     names = _name_options(subject) if skipped else []
@@ -109,7 +103,8 @@ def _name_options(subject: ObjectHandle | None) -> list[str]:
     return words
 
 
-def _word(param: Param, argument: Variant) -> str | None:
+def argument_text(param: Param, argument: Variant) -> str | None:
+    """Return an argument as a user types it; None if the notation cannot express it."""
     if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
         return argument.value
     return typed_text(argument)
@@ -153,7 +148,6 @@ def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
 
 
 def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
-    """Return the arguments for the method that opens the object."""
     match opened.kind:
         case ObjectClass.MESSAGE:
             return ()
@@ -222,7 +216,6 @@ def _type(vt: int) -> str:
 
 
 def _literal(value: object) -> str:
-    """Return a value as a Python literal without control characters."""
     if isinstance(value, Variant):
         return _variant_literal(value)
     if isinstance(value, float):

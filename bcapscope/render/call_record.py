@@ -21,10 +21,7 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
-MAX_TEMPLATES = 4096
-"""Maximum number of cached templates. Only calls with one request and one reply have templates. When the
-cache is full, the renderer empties it.
-"""
+MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
@@ -38,10 +35,8 @@ _OWN_MEMBERS = {
     "latency_ms": JSON_PLACE,
     "rtt_ms": JSON_PLACE,
 }
-"""JSON members that differ from call to call. A template is the JSON text of a call, with placeholders for
-the members in `_OWN_MEMBERS`. Two calls have the same template if they are of one kind, and each has one
-request and one reply.
-"""
+"""JSON members that differ between calls of one kind that have one request and one reply. Such calls share a
+template: the JSON text of a call, with placeholders for these members."""
 
 
 class CallRecordRenderer:
@@ -49,13 +44,11 @@ class CallRecordRenderer:
         self._templates: dict[_TemplateKey, bytes] = {}
 
     def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
-        """Return a call as one JSON object, without a line end. `subject` is the object that the call's
-        handle refers to. The JSON member `object` contains `subject.label`, such as `Robot 1`.
+        """Return a call as one JSON object, without a line end. `subject` is the object of its handle.
 
-        `started` is in seconds since 1970. `latency_ms` is the time from the first request to the accepted
-        reply. `rtt_ms` is the time from the answered attempt to the accepted reply. All lists except
-        `serials` and `places` hold frame numbers. If the call was captured at two places, `places` has one
-        object per frame.
+        `started` is in seconds since 1970. `latency_ms` counts from the first request, `rtt_ms` from the
+        answered attempt. All lists except `serials` and `places` hold frame numbers. `places` has one object
+        per frame if the call was captured at two places.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain or isinstance(request, JoinedObservation):
@@ -79,14 +72,10 @@ class CallRecordRenderer:
 
 
 class CallPackets:
-    """Adds the member `packets` to the JSON of a call. The member `packets` lists the capture and the packet
-    number of each frame.
-    """
+    """Adds the member `packets` to the JSON of a call: the capture and the packet number of each frame."""
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """`origin_of` takes a packet's number, counted over all captures, and returns the capture of the
-        packet. `only_path` is the path of the capture if only one capture is read; None otherwise.
-        """
+        """`origin_of` finds a packet by its number in all captures. `only_path` is set for one capture."""
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")
         packet = b'{"frame":%d,"file":' + path + b',"packet":%d}'

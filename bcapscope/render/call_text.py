@@ -29,8 +29,7 @@ _ROLE_WIDTH = 10
 
 
 class CallRenderer:
-    """Writes calls as lines or trees. The renderer counts relative times from the first line that it
-    writes."""
+    """Writes calls as lines or trees. Relative times count from the first line."""
 
     def __init__(
         self,
@@ -39,11 +38,7 @@ class CallRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the format of the lines.
-
-        `write_endpoints` takes a flow, and returns its endpoints as escaped text. By default, the text shows
-        addresses and transport.
-        """
+        """`write_endpoints` returns escaped text; by default, addresses and transport of a flow."""
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
@@ -56,7 +51,7 @@ class CallRenderer:
         self._result_text = lru_cache(_MAX_RESULTS)(lambda code: result_text(code, palette, words))
 
     def set_time_origin(self, time: int) -> None:
-        """Count relative times from `time`, in ns since 1970, instead of from the first line."""
+        """Count relative times from `time` (ns since 1970) instead of from the first line."""
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
@@ -85,10 +80,7 @@ class CallRenderer:
             before = event.observation.time
 
     def event_line(self, event: CallFrame, previous_time: int, call: Call) -> str:
-        """Return the line of one frame in a call's tree.
-
-        `previous_time` is the time of the previous frame in ns.
-        """
+        """Return the line of one frame in a call's tree; `previous_time` is in ns since 1970."""
         seen, color, labels = event.observation, self._palette, self._labels
         role = self._roles[event.role]
         since, elapsed = seen.time - previous_time, seen.time - call.request.time
@@ -108,8 +100,7 @@ class CallRenderer:
         return text
 
     def _place_text(self, seen: JoinedObservation) -> str:
-        """Return text that says how long the frame took from one place to the other, or that it was lost
-        between the places."""
+        """Say how long the frame took from one place to the other, or that it was lost between them."""
         color, delay = self._palette, seen.delay
         if seen.was_lost_between:
             case = "proxy" if seen.is_relayed else "between"
@@ -149,9 +140,6 @@ class CallRenderer:
         return self._located(self._frames_text.format(requests, ",".join(map(str, numbers))), call)
 
     def _located(self, frames: str, call: Call) -> str:
-        """Return `frames`. If bcapscope reads several captures, append the names of the captures and the
-        packet numbers.
-        """
         origins = origins_text((event.observation.number for event in call.frames), self._words)
         return f"{frames} ({origins})" if origins else frames
 
@@ -177,7 +165,6 @@ class CallRenderer:
         return f"  {color.problem}{words('list.comma').join(parts)}{color.reset}" if parts else ""
 
     def _place_remarks(self, call: Call) -> Iterator[str]:
-        """If the call was captured at two places, yield remarks on where its frames were lost or held."""
         words, lost = self._words, call.lost_between
         if lost:
             case = "proxy" if lost[0].is_relayed else "between"
@@ -231,7 +218,6 @@ def _session_message(session: ServiceSession) -> Message:
 
 
 def _subject_text(call: Call, subject: TrackedObject | None) -> str:
-    """Return text that names the object of a call's handle, and the object that the call opens."""
     function = FUNCTIONS.get(call.kind.function_id)
     text = ""
     if subject is not None and function is not None:

@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 
 def capture_counts_text(counts: CaptureCounts, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return text with the number of frames found, and the numbers of packets and bytes that were missing,
-    damaged or not b-CAP.
-    """
+    """Count the frames that were found, and the packets and bytes that were missing, damaged or not b-CAP."""
     return words("list.semicolon").join(map(words.text, _count_messages(counts)))
 
 
@@ -44,7 +42,7 @@ def _count_messages(counts: CaptureCounts) -> Iterator[Message]:
 
 
 def server_evidence_message(conversation: Conversation) -> Message:
-    """Return a message that says how bcapscope knows which end of a conversation is the controller."""
+    """Say how bcapscope knows which end of a conversation is the controller."""
     kind, code = conversation.server_evidence
     if kind is ServerEvidenceKind.RESULT:
         return Message("server-by.result", server=str(conversation.server), code=f"0x{code:08X}")
@@ -56,9 +54,8 @@ def server_evidence_message(conversation: Conversation) -> Message:
 
 
 def places_message(near: str, far: str, clock: ClockEstimate) -> Message:
-    """Return a message that says which capture was taken at which side, and how the two clocks differ. `near`
-    and `far` are the escaped names of the captures from the client's and from the controller's side.
-    """
+    """Say which capture was taken at which side, and how the two clocks differ. `near` and `far` are the
+    escaped names of the captures from the client's and from the controller's side."""
     offset, error = f"{clock.points[0][1] / 1e6:+.3f}", f"{clock.error / 1e6:.3f}"
     if clock.drift is None:
         return Message("reading.places", near=near, far=far, offset=offset, error=error)

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """An ANSI colour sequence for each kind of text. `reset` switches back to the default colour. In a
-    palette without colours, all sequences are empty.
-    """
+    """ANSI colour sequences. `reset` switches back to the default colour."""
 
     number: str = ""
     name: str = ""
@@ -21,8 +19,7 @@ class Palette:
     reset: str = ""
 
 
-PLAIN = Palette()
-"""Palette without colours: for output to a pipe or file, and if NO_COLOR is set."""
+PLAIN = Palette()  # for output to a pipe or file, and if NO_COLOR is set
 
 ANSI = Palette(
     number="\x1b[36m",

@@ -8,12 +8,10 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""Matches East Asian characters that take two terminal columns. Text may be wrapped before and after each of
-these characters.
+"""Matches East Asian characters of two terminal columns. Text may be wrapped before and after each of them.
 """
 
-_CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"
-"""Wide characters that must not begin a line."""
+_CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"  # must not begin a line
 
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")
 _PIECES = re.compile(r"\x1b\[[0-9;]*m| +|[^ \x1b]+")
@@ -21,16 +19,12 @@ _INDENT = " " * 7
 _NARROWEST_ROW = 40
 
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
-"""Matches the pieces of a line; the line may be wrapped between two pieces. A piece is a word or one wide
-character, with the spaces before it.
+"""Matches a word or one wide character, with the spaces before it. A line may be wrapped between two matches.
 """
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:
-    """Yield each row of escaped text as a line. Each column is as wide as its widest cell.
-
-    `alignments` has one character per column: ``>`` aligns the column to the right, ``<`` to the left.
-    """
+    """Yield rows of escaped text as lines. `alignments` has ``>`` (right) or ``<`` (left) for each column."""
     widths = [max(map(display_width, cells), default=0) for cells in zip(*rows, strict=True)]
     for row in rows:
         cells = []
@@ -41,7 +35,6 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
 
 
 def fit_line(line: str, width: int) -> str:
-    """Return a line cut to `width` columns; a cut line ends with an ellipsis."""
     if display_width(line) <= width:
         return line
     fitted = _prefix(line, width - 1)
@@ -49,9 +42,7 @@ def fit_line(line: str, width: int) -> str:
 
 
 def fold_line(line: str, width: int) -> str:
-    """Break a line, which may contain colour sequences, into rows of at most `width` columns, at spaces if
-    possible. All rows after the first are indented.
-    """
+    """Break a line, which may contain colour sequences. Indent all rows after the first."""
     if width < _NARROWEST_ROW or display_width(_COLORS.sub("", line)) <= width:
         return line
     rows: list[str] = []
@@ -71,7 +62,6 @@ def fold_line(line: str, width: int) -> str:
 
 
 def _prefix(text: str, width: int) -> str:
-    """Return the start of a text: as many characters as fit into `width` columns, but at least one."""
     size = 1
     while size < len(text) and display_width(text[: size + 1]) <= width:
         size += 1
@@ -79,10 +69,7 @@ def _prefix(text: str, width: int) -> str:
 
 
 def wrap_text(text: str, width: int) -> Iterator[str]:
-    """Wrap text into lines of at most `width` columns, at spaces and beside wide characters.
-
-    A word that is longer than `width` stays whole.
-    """
+    """Wrap text at spaces and beside wide characters. A word that is longer than `width` stays whole."""
     line = ""
     for piece in _WORDS.findall(text):
         if line and display_width(line) + display_width(piece) > width:

@@ -26,8 +26,7 @@ from bcapscope.render.json_values import text_fragment
 from bcapscope.render.statistics_text import call_kind_object, call_kind_text
 from bcapscope.traffic.call_kind import CallKind
 
-MAX_ROWS = 40
-"""Maximum number of rows of a text table. JSON output contains all rows."""
+MAX_ROWS = 40  # of a text table; JSON contains all rows
 
 _WIDTH = 96
 
@@ -68,7 +67,6 @@ def _size(side: ComparedCapture, words: MessageFormatter) -> str:
 
 
 def _captioned_lines(caption: str, lines: Iterable[str], palette: Palette) -> Iterator[str]:
-    """Yield a caption and the lines below it, or nothing if there are no lines."""
     lines = list(lines)
     if lines:
         yield from ("", f"{palette.name}{caption}{palette.reset}")
@@ -152,11 +150,8 @@ def _rule_lines(
 
 
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
-    """Return the differences between two captures as one JSON object, without a line end.
-
-    The JSON object uses the names that `stats --json` uses for figures. Shares are from 0 to 1. Times are in
-    milliseconds.
-    """
+    """Return the differences between two captures as one JSON object, without a line end. Figures have the
+    same names as in `stats --json`. Shares are from 0 to 1. Times are in milliseconds."""
     return orjson.dumps(
         {
             "notable": comparison.is_notable,

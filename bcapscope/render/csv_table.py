@@ -36,27 +36,18 @@ COLUMNS = (
     "problems",
     "raw",
 )
-"""Column names, the same as in JSON.
-
-`args` holds the JSON text of the arguments. `raw` is empty for frames without problems.
-"""
+"""`args` holds the JSON text of the arguments. `raw` is empty for frames without problems."""
 
 _ARGS, _PROBLEMS = b'"args":', b',"problems":'
 
 
 def csv_cell(text: str) -> str:
-    """Return text from the wire as a cell that a spreadsheet displays but does not evaluate.
-
-    Control characters are escaped. If a spreadsheet would evaluate the text as a formula, put an apostrophe
-    before the text.
-    """
+    """Escape text from the wire, with an apostrophe before it if a spreadsheet would evaluate it."""
     shown = printable(text)
     return f"'{shown}" if is_spreadsheet_formula(text) else shown
 
 
 class _ReturningFile:
-    """A file object for `csv.writer` whose `write` returns the row instead of storing it."""
-
     def write(self, text: str) -> str:
         return text
 
@@ -65,15 +56,13 @@ _writer = csv.writer(_ReturningFile(), lineterminator="")
 
 
 def csv_row(cells: Iterable[object]) -> str:
-    """Return cells as a row of CSV without a line end. A cell with text from the wire must be a result of
-    `csv_cell`.
-    """
+    """Return a row without a line end. A cell with text from the wire must be a result of `csv_cell`."""
     # `csv.writer.writerow` returns the result of its file's `write` method.
     return str(_writer.writerow(cells))
 
 
 class CsvTableRenderer:
-    """Writes frames as CSV rows without line ends. The caller adds CR LF, as RFC 4180 requires."""
+    """Writes rows without line ends. The caller adds CR LF, as RFC 4180 requires."""
 
     def __init__(self) -> None:
         self._records = FrameRecordRenderer()
@@ -104,11 +93,10 @@ class CsvTableRenderer:
         )
 
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Return the arguments as JSON, copied from the JSON object of the frame.
+        """Copy the JSON text of the arguments from the JSON object of the frame.
 
-        The method searches for ``"args":`` in the JSON text. A JSON string cannot contain ``"args":``,
-        because JSON escapes quotation marks in strings. The result begins with a bracket, so a spreadsheet
-        does not evaluate the result as a formula.
+        A JSON string cannot contain ``"args":``, because JSON escapes quotation marks. The result begins with
+        a bracket, so a spreadsheet does not evaluate it as a formula.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

@@ -29,7 +29,7 @@ def display_filter(packets: Iterable[int]) -> str:
 
 
 def packets_of(item: Call | StrayReply) -> list[int]:
-    """Return the packet numbers of a call's frames, at every place where the frames were captured."""
+    """Return the packet numbers of a call's frames, at every place where they were captured."""
     frames = (
         [item.observation] if isinstance(item, StrayReply) else [each.observation for each in item.frames]
     )
@@ -43,9 +43,7 @@ def packets_of(item: Call | StrayReply) -> list[int]:
 def display_filter_lines(
     found: Iterable[PacketOrigin | None], names_files: bool, words: MessageFormatter
 ) -> Iterator[str]:
-    """Yield one line per capture, with the display filter for its packets. Leave out a packet if its capture
-    is unknown. With `names_files`, each line contains the name of its capture.
-    """
+    """Yield the display filter for the packets of each capture. `names_files` adds the capture's name."""
     by_name: dict[str, list[int]] = {}
     for origin in found:
         if origin is not None:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\0": "\\0"}
 
-_KEPT = frozenset("\u3000")
-"""Characters that stay unescaped although `str.isprintable` rejects them: the ideographic space, which is
-common in Japanese text.
-"""
+_KEPT = frozenset("\u3000")  # the ideographic space: not `isprintable`, but common in Japanese
 
 
 def printable(text: str) -> str:
-    """Escape every character that is not printable.
+    """Escape every character that is not printable as ``\\xNN``, ``\\uNNNN`` or ``\\UNNNNNNNN``.
 
-    The result has ``\\xNN``, ``\\uNNNN`` or ``\\UNNNNNNNN`` instead of control characters (C0, C1, DEL),
-    bidirectional overrides, other formatting characters, line separators, paragraph separators, lone
-    surrogates, private characters and unassigned characters. The result contains no control characters and
-    can be encoded in UTF-8.
+    These are control characters (C0, C1, DEL), bidirectional overrides, other formatting characters, line and
+    paragraph separators, lone surrogates, private and unassigned characters. The result can be encoded in
+    UTF-8.
     """
     if text.isprintable():
         return text

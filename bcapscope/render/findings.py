@@ -19,9 +19,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
-"""Minimum and maximum length of a line, in terminal columns. The minimum applies even on a narrower terminal.
-Lines longer than the maximum would be hard to read.
-"""
+"""Minimum and maximum length of a line. The minimum applies even on a narrower terminal."""
 
 _STEP = 4
 
@@ -34,9 +32,7 @@ class FindingsRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
         filter_lines: Callable[[Finding], Iterable[str]] | None = None,
     ) -> None:
-        """Create a renderer. `filter_lines` returns the lines with a finding's display filters. The renderer
-        never wraps these lines.
-        """
+        """`filter_lines` returns the lines with a finding's display filters, which are never wrapped."""
         self._palette = palette
         self._words = words
         self._filter_lines = filter_lines
@@ -48,9 +44,7 @@ class FindingsRenderer:
         totals: TrafficTotals,
         is_shown: Callable[[Finding], bool] = lambda finding: True,
     ) -> Iterator[str]:
-        """Yield the lines of each finding if `is_shown` returns True for this finding. Keep the order of
-        `findings`. Then yield a summary of all findings.
-        """
+        """Yield the lines of each finding that `is_shown` selects, then a summary of all findings."""
         words = words_for(self._words, totals)
         shown = [is_shown(finding) for finding in findings]
         depths = finding_depths(findings) if all(shown) else [0] * len(findings)
@@ -108,12 +102,10 @@ def finding_record(
     origin_of: Callable[[int], PacketOrigin | None] = lambda frame: None,
     is_final: bool = True,
 ) -> bytes:
-    """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped.
+    """Return a finding as a JSON object with escaped English text.
 
-    Args:
-        origin_of: Takes the number of a frame, and returns its capture and packet.
-        is_final: Whether the traffic has ended. Before the end of the traffic, the causes and repetitions of
-            a finding are not known.
+    `origin_of` takes the number of a frame. `is_final` says whether the traffic has ended; before its end,
+    the causes and repetitions of a finding are not known.
     """
     repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)
@@ -148,24 +140,17 @@ _DEEPEST = 4
 
 
 def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatter:
-    """Return a formatter that writes times relative to the start of the traffic. `totals` gives this
-    start.
-    """
+    """Return a formatter that writes times relative to the start of the traffic."""
     return words.for_report(totals.began, totals.has_only_client)
 
 
 def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
-    """Return the text of a finding: what happened, how often, and what followed.
-
-    The text may contain unescaped strings from the wire.
-    """
+    """Say what happened, how often, and what followed. Strings from the wire are not escaped."""
     return words.sentences(_sentences(finding, words))
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return the indentation depth of each finding: 0 for a finding without a cause, otherwise the depth of
-    the cause plus one, at most 4.
-    """
+    """Return the indentation of each finding: 0 without a cause, else one more than its cause, at most 4."""
     depths: list[int] = []
     for finding in findings:
         cause = finding.consequence_of
@@ -213,7 +198,6 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the summary line: the number of findings of each severity, and how much traffic was examined."""
     if not totals.frames:
         return words("diagnosis.nothing")
     counts = Counter(severities)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, AnyStr, Generic, TypeAlias
 
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.arguments import Argument, Problem
@@ -35,15 +35,15 @@ from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MAX_TEMPLATES = 4096
-"""Maximum number of cached line templates. When the cache is full, the renderer empties it."""
+FormatKey: TypeAlias = "tuple[Flow, FrameTemplate, CallKind | None]"
 
-MAX_RAW_BYTES = 48
-"""Maximum number of malformed bytes that a line shows."""
+MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
+
+MAX_RAW_BYTES = 48  # of malformed bytes in a line
 
 
 class FrameLineRenderer:
-    """Writes frames as lines. The renderer counts relative times from the first line that it writes."""
+    """Writes frames as lines. Relative times count from the first line."""
 
     def __init__(
         self,
@@ -53,19 +53,17 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the format of the lines. With `brief`, lines omit problems and comments; `remarks` yields
-        these instead. `write_endpoints` takes a flow, and returns its endpoints as escaped text. By default,
-        the text shows addresses, transport and direction.
-        """
+        """With `brief`, lines omit problems and comments; `remarks` yields these instead. `write_endpoints`
+        returns the endpoints of a flow as escaped text; by default, addresses, transport and direction."""
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
         self._is_brief = brief
         self._words = words
         self._write_time = timestamp_writer(time_format)
-        self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
+        self._templates: dict[FormatKey, PlaceholderFormat[str]] = {}
 
     def set_time_origin(self, time: int) -> None:
-        """Count relative times from `time`, in ns since 1970, instead of from the first line."""
+        """Count relative times from `time` (ns since 1970) instead of from the first line."""
         self._write_time(time)
 
     def line(
@@ -101,7 +99,7 @@ class FrameLineRenderer:
     def _reason(self, problem: Problem) -> str:
         return printable(self._words.text(problem.reason))
 
-    def _make_template(self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame) -> LineTemplate:
+    def _make_template(self, key: FormatKey, frame: Frame) -> PlaceholderFormat[str]:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = template = self._template_builder(key[0], frame, key[2]).build()
@@ -129,7 +127,7 @@ class FrameLineRenderer:
             return name
         return f"{name} {color.name}{printable(call_kind.command[:LONGEST_STRING])}{color.reset}"
 
-    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplate:
+    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> PlaceholderFormat[str]:
         builder = self._template_builder(flow, frame, call_kind)
         if frame.framing is not Framing.PLAIN:
             builder.add_text(f" [{frame.framing.value}]")
@@ -158,53 +156,49 @@ def _addresses(flow: Flow) -> str:
 
 
 LONGEST_STRING = 120
-"""For a string, a line shows at most this many characters.
+"""Maximum number of characters of a string. A UI1 array shows at most half as many bytes."""
 
-For a UI1 array, a line shows at most `LONGEST_STRING // 2` bytes.
-"""
-
-MAX_ELEMENTS = 32
-"""Maximum number of elements of an array that a line shows."""
+MAX_ELEMENTS = 32  # of an array in a line
 
 NumberWriter: TypeAlias = Callable[[Any], str]
-TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""Placeholder in a template. The index or slice of a placeholder selects numbers of the frame. The function
-of a placeholder formats the selected numbers.
-"""
+FormatPlace: TypeAlias = tuple[int | slice, Callable[[Any], AnyStr]]
+"""The numbers of the frame that fill a placeholder, as index or slice, and the function that formats them."""
 
-_SHOWN_BEFORE = ("bstrCommand",)
-"""Arguments to leave out, because the line already shows their values next to the function's name."""
+_SHOWN_BEFORE = ("bstrCommand",)  # arguments whose values are next to the function's name
 
 
-class LineTemplate:
-    """A format string for one line of text.
+class PlaceholderFormat(Generic[AnyStr]):
+    """A %-format for a line of text or a JSON object.
 
-    The format string `text` begins with the placeholders for the values of `head`. For each element of
-    `places`, `text` then contains one ``%s``.
+    The format begins with the placeholders for the values of `head`. One placeholder per element of `places`
+    follows.
     """
 
     __slots__ = ("places", "text")
 
-    def __init__(self, text: str, places: Sequence[TemplatePlace]) -> None:
-        self.text = text
-        self.places = tuple(places)
+    def __init__(self, text: AnyStr, places: Sequence[FormatPlace[AnyStr]]) -> None:
+        self.text: AnyStr = text
+        self.places: tuple[FormatPlace[AnyStr], ...] = tuple(places)
 
-    def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> str:
+    def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> AnyStr:
+        if len(self.places) == 1:
+            where, write = self.places[0]
+            return self.text % (*head, write(numbers[where]))
         return self.text % (*head, *[write(numbers[where]) for where, write in self.places])
 
 
 class LineTemplateBuilder:
     def __init__(self, head: str = "") -> None:
-        """Start the template with `head`, which is a %-format."""
+        """`head` is a %-format."""
         self._pieces = [head]
-        self._places: list[TemplatePlace] = []
+        self._places: list[FormatPlace[str]] = []
         self._numbers_placed = 0
 
     def add_text(self, text: str) -> None:
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
-        """Add arguments as ``name=value``. Add the type of each argument that has an unexpected type."""
+        """Add arguments as ``name=value``, with the type if it is unexpected."""
         for index, (argument, taken) in enumerate(zip(arguments, number_counts(arguments), strict=True)):
             param = role(index)
             if param.name in _SHOWN_BEFORE and isinstance(argument.variant.value, str):
@@ -225,8 +219,8 @@ class LineTemplateBuilder:
         else:
             self.add_text(_constant(variant))
 
-    def build(self) -> LineTemplate:
-        return LineTemplate("".join(self._pieces), self._places)
+    def build(self) -> PlaceholderFormat[str]:
+        return PlaceholderFormat("".join(self._pieces), self._places)
 
     def _add_constant(self, variant: Variant, typed: bool) -> None:
         """Add a value that is the same in all frames that share the template."""

@@ -1,14 +1,10 @@
-"""Frames as JSON, one object per frame.
-
-One template writes all frames that differ only in numeric values. A template is JSON with placeholders for
-numeric values. A JSON encoder escapes all text from the wire.
-"""
+"""Frames as JSON, one object per frame. One template writes all frames that differ only in numeric values."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import TypeAlias
+from typing import Any
 
 import orjson
 
@@ -17,7 +13,6 @@ from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.frame_template import (
     FrameNumbers,
-    FrameTemplate,
     iter_numbers,
     number_counts,
     numbers_of_arguments,
@@ -25,20 +20,18 @@ from bcapscope.protocol.codec.frame_template import (
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.protocol.tables.function_table import function_name, request_param, result_param
 from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.render.frame_line import FormatKey, FormatPlace, PlaceholderFormat
 from bcapscope.render.json_values import json_number, json_text, result_object, text_fragment, time_fragment
 from bcapscope.render.number import currency_text, date_text
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MAX_TEMPLATES = 4096
-"""Maximum number of cached templates. When the cache is full, the renderer empties it."""
+MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
 
 
 JSON_PLACE, INTEGER_PLACE = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
-"""Placeholders in the JSON of a template. A JSON encoder escapes these control characters in texts."""
-
-_Place: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
+"""Placeholders in a template. A JSON encoder escapes these control characters in texts."""
 
 
 def json_template(members: dict[str, object]) -> bytes:
@@ -46,29 +39,12 @@ def json_template(members: dict[str, object]) -> bytes:
     return orjson.dumps(members).replace(b"%", b"%%").replace(b"\1", b"%d").replace(b"\0", b"%b")
 
 
-class _RecordTemplate:
-    """The JSON object of a frame, with placeholders for the numbers that differ between similar frames."""
-
-    __slots__ = ("_places", "_text")
-
-    def __init__(self, members: dict[str, object], places: Sequence[_Place]) -> None:
-        self._text = json_template(members)
-        self._places = tuple(places)
-
-    def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> bytes:
-        places = self._places
-        if len(places) == 1:
-            where, write = places[0]
-            return self._text % (*head, write(numbers[where]))
-        return self._text % (*head, *[write(numbers[where]) for where, write in places])
-
-
 class _ArgumentConverter:
     """Converts arguments to JSON types. `places` collects the placeholders."""
 
     def __init__(self, constants: FrameNumbers | None = None) -> None:
-        """If `constants` is given, the JSON contains the numbers from `constants` instead of placeholders."""
-        self.places: list[_Place] = []
+        """If `constants` is given, the JSON contains these numbers instead of placeholders."""
+        self.places: list[FormatPlace[bytes]] = []
         self._constants = constants
         self._numbers_placed = 0
 
@@ -91,7 +67,7 @@ class _ArgumentConverter:
             found["value"] = _without_numbers(value)
         return found
 
-    def _number(self, where: int | slice, write: Callable[[object], bytes]) -> orjson.Fragment:
+    def _number(self, where: int | slice, write: Callable[[Any], bytes]) -> orjson.Fragment:
         if self._constants is not None:
             return orjson.Fragment(write(self._constants[where]))
         self.places.append((where, write))
@@ -106,23 +82,23 @@ def _without_numbers(value: object) -> object:
     return list(map(_without_numbers, value)) if isinstance(value, tuple) else value
 
 
-def _bytes_list(value: object) -> bytes:
-    return orjson.dumps(list(value) if isinstance(value, bytes) else [])
+def _bytes_list(value: bytes) -> bytes:
+    return orjson.dumps(list(value))
 
 
-def _converted(convert: Callable[[object], str], value: object) -> bytes:
+def _converted(convert: Callable[[Any], str], value: object) -> bytes:
     return orjson.dumps(list(map(convert, value)) if isinstance(value, tuple) else convert(value))
 
 
-_EXTRA_MEMBERS: dict[int, tuple[str, Callable[[object], str]]] = {
-    VT.CY: ("scaled", lambda raw: currency_text(raw) if isinstance(raw, int) else ""),
-    VT.DATE: ("date", lambda days: date_text(days) if isinstance(days, float) else ""),
+_EXTRA_MEMBERS: dict[int, tuple[str, Callable[[Any], str]]] = {
+    VT.CY: ("scaled", currency_text),
+    VT.DATE: ("date", date_text),
 }
 
 
 class FrameRecordRenderer:
     def __init__(self) -> None:
-        self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], _RecordTemplate] = {}
+        self._templates: dict[FormatKey, PlaceholderFormat[bytes]] = {}
 
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
@@ -145,9 +121,7 @@ class FrameRecordRenderer:
         form = self._templates.get(key) or self._make_template(key, item)
         return form.fill(head, found[1])
 
-    def _make_template(
-        self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame
-    ) -> _RecordTemplate:
+    def _make_template(self, key: FormatKey, frame: Frame) -> PlaceholderFormat[bytes]:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = form = _make_record_template(key[0], frame, key[2], ())
@@ -155,7 +129,7 @@ class FrameRecordRenderer:
 
 
 def with_origin(record: bytes, origin: PacketOrigin) -> bytes:
-    """Add the path of the capture, and the packet's number in this capture, to the JSON of a frame."""
+    """Add the path of the capture, and the packet's number in it, to the JSON of a frame."""
     return b'%b,"file":%b,"file_packet":%d}' % (record[:-1], json_text(origin.path), origin.packet)
 
 
@@ -184,7 +158,7 @@ def _ends(flow: Flow) -> dict[str, object]:
 
 def _make_record_template(
     flow: Flow, frame: Frame, call_kind: CallKind | None, problems: tuple[Problem, ...]
-) -> _RecordTemplate:
+) -> PlaceholderFormat[bytes]:
     function_id = call_kind.function_id if call_kind else None
     is_request = flow.direction is Direction.REQUEST
     code = None if is_request else frame.code
@@ -214,7 +188,7 @@ def _make_record_template(
         **_problem_members(problems),
         **({"raw": frame.raw.hex()} if problems else {}),
     }
-    return _RecordTemplate(members, converter.places)
+    return PlaceholderFormat(json_template(members), converter.places)
 
 
 def _problem_members(problems: tuple[Problem, ...]) -> dict[str, object]:

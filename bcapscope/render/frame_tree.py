@@ -1,7 +1,4 @@
-"""A frame as an indented tree: offset, bytes, name and meaning of every field.
-
-`field_rows` returns the rows of the tree, and `FrameTreeRenderer` writes them as lines.
-"""
+"""A frame as an indented tree: offset, bytes, name and meaning of every field."""
 
 from __future__ import annotations
 
@@ -24,27 +21,19 @@ from bcapscope.render.value_text import LONGEST_STRING, value_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
-MAX_ELEMENTS = 32
-"""By default, a tree shows at most this many elements of an array."""
+MAX_ELEMENTS = 32  # of an array; the option `full` shows all
 
 
 class FieldRowKind(Enum):
-    FIELD = "field"
-    """A field that contains inner fields. The rows of the inner fields follow the row of the outer field."""
-    LEAF = "leaf"
-    """A field that contains bytes and no other fields."""
-    PROBLEM = "problem"
-    """A problem with the bytes of the field in the row above."""
-    NOTE = "note"
-    """A remark about the field in the row above. A remark has no bytes."""
+    FIELD = "field"  # contains inner fields, whose rows follow
+    LEAF = "leaf"  # contains bytes and no other fields
+    PROBLEM = "problem"  # with the bytes of the field in the row above
+    NOTE = "note"  # a remark without bytes about the field in the row above
 
 
 class FieldRow(NamedTuple):
-    """A row of the tree.
-
-    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. `failed` says
-    whether an HRESULT means failure; `failed` is None if the field is not an HRESULT.
-    """
+    """A row of the tree. `start` and `stop` are offsets in the body of the section. `name` and `text` are
+    escaped. `failed` says whether an HRESULT means failure; it is None for other fields."""
 
     kind: FieldRowKind
     depth: int
@@ -56,8 +45,7 @@ class FieldRow(NamedTuple):
 
 
 class FrameSection(NamedTuple):
-    """A part of the tree: bytes, their fields and an optional caption. The offsets of the fields count from
-    the start of `body`."""
+    """A part of the tree. The offsets of the fields count from the start of `body`."""
 
     caption: Message | None
     body: bytes
@@ -65,7 +53,7 @@ class FrameSection(NamedTuple):
 
 
 def frame_sections(observation: Observation, call_kind: CallKind | None) -> tuple[FrameSection, ...]:
-    """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
+    """Return two sections for a compressed frame, otherwise one."""
     item = observation.item
     if isinstance(item, Malformed):
         # Malformed bytes have no fields, and a gap in a stream has no bytes: show only the problem.
@@ -85,10 +73,7 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
 def field_rows(
     section: FrameSection, full: bool = False, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[FieldRow]:
-    """Yield the rows of a section lazily, in the order of the bytes.
-
-    With `full`, the rows show strings and arrays completely.
-    """
+    """Yield rows lazily, in the order of the bytes. `full` shows strings and arrays completely."""
     for field in section.fields:
         yield from _rows_of_field(field, 0, full, words)
 
@@ -136,10 +121,7 @@ def _rows_of_problems(
 def field_meaning(
     field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return the meaning of a field in one line, or "" if the name of the field says everything.
-
-    A string is cut after `longest` characters.
-    """
+    """Return one line, or "" if the name says everything. Cut a string after `longest` characters."""
     if field.vt is None:
         text = _frame_field_meaning(field, words)
     else:
@@ -161,8 +143,6 @@ def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
 
 
 def _variant_meaning(field: FrameField, vt: int, longest: int | None, words: MessageFormatter) -> str:
-    """Describe the value of a VARIANT. Add the type of the VARIANT if the field includes the bytes of the
-    type."""
     value = field.value
     text = value_text(value, vt, longest, words)
     if isinstance(value, tuple):
@@ -175,8 +155,7 @@ def _variant_meaning(field: FrameField, vt: int, longest: int | None, words: Mes
     return f"{vt_name(vt)} {text}".rstrip() if has_type else text
 
 
-BYTES_SHOWN = 8
-"""Number of bytes that one line of a field shows."""
+BYTES_SHOWN = 8  # in one line of a field
 
 _HEX_WIDTH = 3 * BYTES_SHOWN
 _NAME_WIDTH = 20
@@ -186,10 +165,9 @@ _INDENT = "  "
 @dataclass(frozen=True, slots=True)
 class FrameTreeRenderer:
     """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
-    follows each tree.
+    follows.
 
-    Lines have fewer than 100 columns. Only lines with long text from the wire, or with a long problem, exceed
-    100 columns.
+    Lines have fewer than 100 columns, except for lines with long text from the wire or a long problem.
     """
 
     palette: Palette = PLAIN
@@ -212,9 +190,6 @@ class FrameTreeRenderer:
                 yield from hexdump(section.body, highlights, color)
 
     def _row_lines(self, row: FieldRow, body: bytes) -> Iterator[str]:
-        """Yield a row of the tree as one line of text. With `full`, further lines show the remaining bytes of
-        a long field.
-        """
         color, indent, digits = self.palette, _INDENT * row.depth, len(str(len(body)))
         offsets_width = 2 * digits + 2
         margin = " " * (offsets_width + _HEX_WIDTH + 3) + indent
@@ -243,9 +218,7 @@ class FrameTreeRenderer:
 
 
 def colored_value(row: FieldRow, palette: Palette) -> str:
-    """Return the meaning of a row in colour: a result code in the colour of success or failure, any other
-    value in the colour of numbers.
-    """
+    """Return the meaning of a row; the colour of a result code shows success or failure."""
     if row.failed is not None:
         return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
     if row.kind is FieldRowKind.LEAF and row.text:

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from bcapscope.render.color_palette import PLAIN, Palette
 
-PER_LINE = 16
-"""Default number of bytes per line."""
+PER_LINE = 16  # bytes, by default
 
 _BLANK_AFTER = 8  # after this many bytes, a line has two spaces instead of one
 _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
@@ -30,11 +29,9 @@ def hexdump(
     first: int = 0,
     per_line: int = PER_LINE,
 ) -> Iterator[str]:
-    """Yield the lines of a hex dump, with `per_line` bytes per line. If a byte is in several
-    elements of `highlights`, the last of these elements sets the colour of the byte.
+    """Yield the lines of a hex dump. Where `highlights` overlap, the last one sets the colour of a byte.
 
-    The offset of the first byte is `first`. Offsets are decimal, as in field trees and in problems next to
-    the hex dump.
+    Offsets are decimal, as in field trees and problems, and start at `first`.
     """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]

@@ -16,10 +16,7 @@ from bcapscope.traffic.observation import Conversation
 
 
 def json_text(value: str | None) -> bytes:
-    """Return a string as JSON in which every non-printable character is escaped.
-
-    A lone surrogate becomes a ``\\u`` escape, which JSON allows, so no information is lost.
-    """
+    """Escape every non-printable character. A lone surrogate becomes a ``\\u`` escape."""
     if value is None:
         return b"null"
     if value.isprintable():
@@ -34,7 +31,7 @@ def json_number(value: object) -> bytes:
 
 
 def json_ready(value: object) -> object:
-    """Return a number or a tuple of numbers for a JSON encoder; NaN and infinities become strings."""
+    """Prepare a number or a tuple of numbers for a JSON encoder; NaN and infinities become strings."""
     if isinstance(value, tuple):
         return [json_ready(item) for item in value]
     if not isinstance(value, float) or math.isfinite(value):
@@ -43,7 +40,6 @@ def json_ready(value: object) -> object:
 
 
 def text_fragment(text: str | None) -> orjson.Fragment:
-    """Convert a string to JSON with `json_text`. `orjson.dumps` inserts the result unchanged."""
     return orjson.Fragment(json_text(text))
 
 
@@ -67,9 +63,7 @@ def conversation_object(conversation: Conversation) -> dict[str, object]:
 def packet_objects(
     frames: Iterable[int], origin_of: Callable[[int], PacketOrigin | None]
 ) -> list[dict[str, object]]:
-    """Return the JSON member `packets`: for each frame, its capture and its packet. Omit a frame whose
-    capture is unknown. `origin_of` takes the number of a frame, and returns its capture and packet.
-    """
+    """Return the capture and the packet of each frame, except for frames of unknown captures."""
     return [
         {"frame": frame, "file": text_fragment(origin.path), "packet": origin.packet}
         for frame in frames
@@ -78,9 +72,8 @@ def packet_objects(
 
 
 def with_packets(record: bytes, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
-    """Add the member `packets` to a JSON object: the capture and the packet of each frame whose number is in
-    the object. The names of the members that hold frame numbers end in `frame` or `frames`.
-    """
+    """Add the member `packets` to a JSON object: the capture and the packet of each frame in the object. The
+    names of the members that hold frame numbers end in `frame` or `frames`."""
     frames = sorted(set(_cited_frames(json.loads(record))))  # orjson reads no lone surrogates
     return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(frames, origin_of)))
 
@@ -100,10 +93,7 @@ PERCENTILES = {
     **{"mean": "mean", "min": "least", "p50": "p50", "p90": "p90", "p99": "p99", "p99.9": "p999"},
     "max": "most",
 }
-"""Attributes of `DistributionSummary` by their names in JSON and CSV."""
 
 
 def percentiles_object(found: DistributionSummary) -> dict[str, object]:
-    """Return the JSON members for the mean, the smallest and largest value, and the percentiles of a
-    distribution."""
     return {name: json_ready(getattr(found, attribute)) for name, attribute in PERCENTILES.items()}

@@ -27,7 +27,6 @@ def date_text(days: float) -> str:
 
 
 def currency_text(raw: int) -> str:
-    """Return a CY value as a decimal amount: the integer on the wire divided by 10000."""
     return str(Decimal(raw) / CY_SCALE)
 
 
@@ -38,16 +37,12 @@ def number_text(value: int | float) -> str:
 
 
 def numbers_text(values: tuple[int | float, ...]) -> str:
-    """Return numbers in the format of `number_text`, separated by commas."""
     text = orjson.dumps(values)
     return ",".join(map(number_text, values)) if b"null" in text else text[1:-1].decode("ascii")
 
 
 def singles_text(values: tuple[float, ...]) -> str:
-    """Return R4 values in the format of `single_text`, separated by commas.
-
-    The conversion is fast if each value needs at most seven digits.
-    """
+    """Write R4 values like `single_text`, separated by commas. This is fast if seven digits suffice."""
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
     return (
@@ -56,9 +51,7 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Return an R4 value as text. Use the fewest digits, from seven to nine, that give the same R4 value when
-    parsed.
-    """
+    """Write an R4 value with the fewest digits, from seven to nine, that give the same value when parsed."""
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return number_text(float(next(same, f"{value:.9g}")))

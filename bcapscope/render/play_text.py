@@ -30,9 +30,8 @@ from bcapscope.render.text_charts import braille_chart, histogram
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
 RETRIES_EXPECTED = Message("play.retries-expected")
-"""Says that retries are normal. Over UDP, the timeout that DENSO recommends for Sync causes retries (DENSO
-Wave 2009, How to use the Slave mode).
-"""
+"""Over UDP, the timeout that DENSO recommends for Sync causes retries (DENSO Wave 2009, How to use the Slave
+mode)."""
 
 
 def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORDS) -> str:
@@ -51,14 +50,12 @@ def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORD
 
 
 def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield a line for the problem, then one for each active error of the controller."""
     yield from map(printable, words.text(trouble.text).splitlines())
     for code, text in trouble.errors:
         yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"
 
 
 def progress_line(progress: PlayProgress, width: int, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the progress of the player as one line of at most `width` columns."""
     index = f"{progress.index}/{progress.of}" if progress.of else str(progress.index)
     places: dict[str, PlaceValue] = {"state": progress.state.message, "index": index}
     places["elapsed"] = f"{progress.elapsed:.1f} s"
@@ -101,10 +98,7 @@ def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS
 
 
 def play_summary_record(ended: PlayEnded) -> bytes:
-    """Return the summary as a JSON object.
-
-    Times are in ms. Non-printable characters in the reason are escaped.
-    """
+    """Return the summary as a JSON object. Times are in ms. The reason is escaped."""
     counts = {name: getattr(ended.counts, name) for name in PlayCounts.__struct_fields__}
     return orjson.dumps(
         {
@@ -130,15 +124,12 @@ def _spread_record(spread: Spread) -> dict[str, float]:
     return {name: getattr(spread, name) / 1e6 for name in ("p50", "p99", "p999", "most")}
 
 
-_MAX_CHART_ROWS = 16
-"""Maximum number of lines of one chart. A taller chart would not show more detail."""
+_MAX_CHART_ROWS = 16  # a taller chart would not show more detail
 
 _LARGEST_POSITION = 1e9
 
 PoseHistory = Sequence[tuple[float, Sequence[float], Sequence[float]]]
-"""Poses during a play. For each set point: the elapsed time in seconds, the commanded pose and the returned
-pose.
-"""
+"""For each set point: the elapsed time in seconds, the commanded pose and the returned pose."""
 
 
 def axis_charts(
@@ -151,9 +142,7 @@ def axis_charts(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield one chart per axis with the commanded and the actual position. The title of a chart shows the
-    latest values. All charts together have `height` lines.
-    """
+    """Yield one chart per axis, titled with the latest values. All charts together have `height` lines."""
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
         commanded = [(time, point[axis]) for time, point, _ in history if axis < len(point)]
@@ -183,12 +172,11 @@ def _title(
 
 
 def _position_text(value: float) -> str:
-    """Return a position as text with three decimals, or shorter if the value is implausibly large."""
     return f"{value:.3f}" if abs(value) < _LARGEST_POSITION else f"{value:.3g}"
 
 
 def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
-    """Yield the histogram of the times from one set point to the next in ms, one line per bin."""
+    """Yield the histogram of the times from one set point to the next in ms."""
     bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
     edges = sorted({edge for each in bins for edge in (each.low, each.high)})
     yield from histogram(bins, edges, palette)
@@ -202,8 +190,8 @@ def run_figure_lines(
 ) -> Iterator[str]:
     """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
-    `slack` holds three values: number of buffer slots, duration of a full buffer (ms), and duration left
-    after the longest pause (ms). `slack` is None if the buffer cannot run empty.
+    `slack` holds the number of buffer slots, the duration of a full buffer (ms), and the duration left after
+    the longest pause (ms). It is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:

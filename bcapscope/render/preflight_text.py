@@ -26,8 +26,7 @@ _HEAD = ("axis", "unit", "from", "to", "step", "speed", "acceleration", "fastest
 
 
 def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line that describes one of several trajectories in a file. The line begins with the number for
-    ``--index``."""
+    """Describe one of several trajectories in a file. The line begins with the number for ``--index``."""
     part = trajectory.source.part or Message("trajectory.all")
     return f"{number}: {printable(words.text(part))}, {words.text(_size(trajectory))}"
 
@@ -35,9 +34,7 @@ def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter
 def source_lines(
     trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS, width: int = WIDEST
 ) -> Iterator[str]:
-    """Yield lines about how a file was read: format, size, interval, the column and unit of each axis, and
-    notes.
-    """
+    """Say how a file was read: format, size, interval, the column and unit of each axis, and notes."""
     source = trajectory.source
     texts = [words.text(each) for each in (source.file_format, source.part) if each is not None]
     yield f"{printable(source.path)}: {printable(', '.join(texts))}"
@@ -125,10 +122,7 @@ class PreflightRenderer:
 
 
 def preflight_record(preflight: PreflightResult) -> bytes:
-    """Return the result of a pre-flight check as a JSON object.
-
-    Non-printable characters are escaped. Infinite limits are null.
-    """
+    """Return the result as a JSON object. Non-printable characters are escaped. Infinite limits are null."""
     trajectory, source = preflight.trajectory, preflight.trajectory.source
     return orjson.dumps(
         {
@@ -189,9 +183,6 @@ def _place(column: Column) -> Message:
 
 
 def _bounded_number(value: float, digits: int) -> str:
-    """Return a number as text with `digits` decimals. A very large number is written with an exponent, to
-    stay short.
-    """
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
 
 

@@ -39,15 +39,12 @@ _WIDTHS = {
     FieldType.HRESULT: 10,
     FieldType.TEXT: 10,
 }
-"""Minimum widths of columns, by type of the field. A longer cell widens the column in this line and in all
-following lines.
-"""
+"""Minimum widths of columns. A longer cell widens the column in this line and in all following lines."""
 
 ORIGIN_FIELDS = (
     FilterField("file", FieldType.TEXT, tuple(RecordKind), "capture that contains the packet"),
     FilterField("file_packet", FieldType.NUMBER, tuple(RecordKind), "number of the packet in its capture"),
 )
-"""Fields for columns only: `--filter` does not know these fields."""
 
 CALL_COLUMNS = (
     *("call", "started", "t", "client", "server", "transport", "function_id", "function", "command"),
@@ -107,9 +104,7 @@ class ColumnRenderer:
         palette: Palette = PLAIN,
         width: int | None = None,
     ) -> None:
-        """Create a renderer. `getters` maps each getter name to a function that returns the value of a field
-        from a record. The renderer cuts lines to `width` columns, unless `width` is None.
-        """
+        """`getters` maps getter names to functions of a record. Lines are cut to `width` columns."""
         self._width = width
         self._columns = columns
         self._readers = [(each, getters[each.field.getter_name]) for each in columns]
@@ -119,9 +114,7 @@ class ColumnRenderer:
     def lines(
         self, records: Iterable[object], format_: ColumnFormat | None
     ) -> Iterator[str] | Iterator[bytes]:
-        """Return the records as lines of text, as a CSV table, or as one JSON object per record. The text and
-        the CSV table begin with a header line.
-        """
+        """Return lines of text or CSV after a header line, or one JSON object per record."""
         if format_ is ColumnFormat.JSON:
             return map(self._json_object, records)
         names = [each.name for each in self._columns]

@@ -32,12 +32,9 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.observation import Conversation
 
-MAX_TIMELINE_ROWS = 16
-"""Maximum number of clients in the timeline. The timeline shows the clients that made the most calls."""
+MAX_TIMELINE_ROWS = 16  # clients with the most calls
 
-MAX_KINDS = 20
-"""Maximum number of commands in the picture of latencies. The picture shows the commands that took the most
-time in total."""
+MAX_KINDS = 20  # commands that took the most time in total
 
 _NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
 # the picture shows times below 0.001 ms as 0.001 ms, because a logarithmic axis has no 0
@@ -68,9 +65,7 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
 
 
 def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Picture:
-    """Return the timeline with one row per client. A row shows the client's calls, slave-mode sessions and
-    events.
-    """
+    """Draw one row per client, with its calls, slave-mode sessions and events."""
     return _TimelineDrawing(report_data, words).picture()
 
 
@@ -129,9 +124,7 @@ def _latency_text(row: StatisticsRow, latency: DistributionSummary, words: Messa
 
 
 def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Picture | None:
-    """Return a picture that shows the frames of the calls with the most retries. Return None if no call has
-    retries.
-    """
+    """Draw the frames of the calls with the most retries. Return None if no call has retries."""
     if not report_data.retry_chains:
         return None
     found = report_data.retry_chains[::-1]
@@ -166,7 +159,7 @@ def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Pic
 
 
 def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> dict[str, Any]:
-    """Return the plotly layout of a vertical axis, with the `labels` at 0, `step`, 2 * `step` and so on."""
+    """Return a vertical axis with the `labels` at 0, `step`, 2 * `step` and so on."""
     return {
         "tickvals": [index * step for index in range(len(labels))],
         "ticktext": labels,
@@ -268,9 +261,7 @@ class _TimelineDrawing:
         look: tuple[str, float],
         **more: Any,
     ) -> Any:
-        """Return a plotly trace with one horizontal bar per element of `periods`. An element of `periods`
-        consists of the row's number, the start time and the end time. Times are in ns since 1970.
-        """
+        """Draw horizontal bars. Each period has its row, and its start and end in ns since 1970."""
         least = max((self._data.end - self._data.start) / 1e9 * _NARROWEST, 1e-6)
         color, width = look
         return go.Bar(
@@ -317,7 +308,7 @@ class _TimelineDrawing:
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
-    """Return a plotly trace of horizontal lines. `lines` contains y, first x and last x of each line."""
+    """Draw horizontal lines. `lines` contains y, first x and last x of each line."""
     return go.Scatter(
         name=name,
         mode="lines",

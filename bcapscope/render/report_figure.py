@@ -1,9 +1,8 @@
 """Colours, layout and helper functions that all pictures of a report share.
 
-The contrast of each colour to white and to black is more than 3:1 (WCAG 2.2, 1.4.11). The colours are based
-on the set of Okabe and Ito, so that colour-blind readers can distinguish them. Lines and marks of different
-colours also differ in shape or dashes. The style sheet of the page sets the colours of text, axes and grid,
-so the same picture fits light and dark themes and paper.
+The colours are based on the set of Okabe and Ito, so that colour-blind readers can distinguish them. Lines
+and marks of different colours also differ in shape or dashes. The style sheet of the page sets the colours of
+text, axes and grid, so the same picture fits light and dark themes and paper.
 """
 
 from __future__ import annotations
@@ -20,22 +19,18 @@ from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.escape import printable
 
 BLUE, ORANGE, GREEN, PURPLE, AMBER, GRAY = "#2F7FC1", "#CF5C0A", "#0A8F6A", "#B5619A", "#B27A00", "#7A828C"
-"""The contrast of each of these colours to white and to #15191D is at least 3.7:1."""
+"""Their contrast to white and to #15191D is at least 3.7:1; more than 3:1 is needed (WCAG 2.2, 1.4.11)."""
 
-LONGEST_LABEL = 48
-"""Maximum number of characters of a string from the wire in an axis label."""
+LONGEST_LABEL = 48  # characters of a string from the wire
 
-MAX_BARS = 160
-"""Maximum number of bars in a histogram."""
+MAX_BARS = 160  # of a histogram
 
 _WIDE_SPREAD = 5.0  # an axis is logarithmic if the ratio of largest to smallest value is above this
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'Noto Sans JP', sans-serif"
 
 
 class Picture(NamedTuple):
-    """A picture of the page. `height` is in CSS pixels. `json` is the data for plotly.js; it is safe inside a
-    script element.
-    """
+    """`height` is in CSS pixels. `json` is the data for plotly.js; it is safe inside a script element."""
 
     name: str
     title: str
@@ -96,9 +91,7 @@ def marker_trace(
     texts: Sequence[str],
     **more: Any,
 ) -> Any:
-    """Return a plotly trace that draws a mark at each point. `look` is the symbol and colour of the marks;
-    `texts` appear when the pointer is on a mark.
-    """
+    """Draw a mark at each point. `look` is symbol and colour; `texts` appear under the pointer."""
     symbol, color = look
     return go.Scatter(
         name=name,
@@ -113,33 +106,25 @@ def marker_trace(
 
 
 def axis_layout(title: str, **more: Any) -> dict[str, Any]:
-    """Return the plotly layout of an axis; `title` includes the unit."""
     spike = {"spikethickness": 1, "spikecolor": GRAY, "spikedash": "solid"}
     return {"title": {"text": title, "standoff": 8}, "zeroline": False, "automargin": True, **spike, **more}
 
 
 def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
-    """Round values for JSON. NaN and infinities become None, which plotly shows as a gap."""
+    """Replace NaN and infinities by None, which plotly shows as a gap."""
     return [round(value, digits) if math.isfinite(value) else None for value in values]
 
 
 class HistogramBars(NamedTuple):
-    """The edges of a histogram's bars, and the number of values in each bar."""
-
-    lows: list[float]
-    highs: list[float]
+    edges: list[tuple[float, float]]
     counts: list[int]
     logarithmic: bool
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Combine narrow bins into wider bars of equal width. The middle of a bin decides which bar gets the
-    bin's count.
-
-    If the values span a large range, the bars are equally wide on a logarithmic axis.
-
-    The result omits bars without values.
-    """
+    """Combine narrow bins into wider bars of equal width, and omit bars without values. The middle of a bin
+    decides which bar gets its count. If the values span a large range, the widths are equal on a logarithmic
+    axis."""
     low, high = max(least, bins[0].low), min(most, bins[-1].high)
     spread = low > 0 and high / low > _WIDE_SPREAD
     if spread:
@@ -154,5 +139,4 @@ def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramB
     edges = [(low + place * step, low + (place + 1) * step) for place in sorted(counts)]
     if spread:
         edges = [(math.exp(begin), math.exp(end)) for begin, end in edges]
-    lows, highs = [begin for begin, _ in edges], [end for _, end in edges]
-    return HistogramBars(lows, highs, [counts[place] for place in sorted(counts)], spread)
+    return HistogramBars(edges, [counts[place] for place in sorted(counts)], spread)

@@ -38,15 +38,11 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
 
 MAX_DRAWN = 6
-"""Maximum number of slave-mode sessions with pictures. If there are more sessions, the page draws the
-sessions with the worst problems. If two sessions are equally bad, the page prefers the longer session.
-"""
+"""Maximum number of slave-mode sessions with pictures: those with the worst problems, then the longest."""
 
-MAX_ROWS = 40
-"""Maximum number of rows of a table."""
+MAX_ROWS = 40  # of a table
 
-MAX_SLOW = 10
-"""Maximum number of rows in the table of set points with the slowest replies."""
+MAX_SLOW = 10  # rows in the table of set points with the slowest replies
 
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
 
@@ -154,9 +150,7 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return three texts: the overall result (``error``, ``warning`` or ``good``), the number of findings,
-    and the sentence of the first finding. If the overall result is ``good``, the third text is "".
-    """
+    """Return ``error``, ``warning`` or ``good``, the counts of findings, and a problem's sentence."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
@@ -169,7 +163,6 @@ def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
-    """Return the slave-mode sessions that have pictures, in the order in which they began."""
     worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
     return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
 
@@ -184,7 +177,6 @@ def _trouble_rank(slave_session: SlaveSession) -> int:
 
 
 def _first_rows_text(caption: str, total: int, words: MessageFormatter) -> str:
-    """Return the caption of a table. If the table shows only its first rows, the caption says so."""
     if total <= MAX_ROWS:
         return caption
     return words("report.first-rows", caption=caption, shown=MAX_ROWS, total=total)
@@ -212,7 +204,8 @@ def _damage_text(damaged: DamagedFrame, words: MessageFormatter) -> str:
 
 def _moment(time: int) -> str:
     """Return a time (ns since 1970) as text in UTC, cut to milliseconds."""
-    return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
+    text = utc_text(time)
+    return text[:-7].replace("T", " ") + " UTC" if text.endswith("Z") else text
 
 
 def _script_text(code: str) -> str:
@@ -224,12 +217,9 @@ def _script_text(code: str) -> str:
 
 
 def _policy(*scripts: str) -> str:
-    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    digests = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
     )
-
-
-def _digest(script: str) -> str:
-    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")

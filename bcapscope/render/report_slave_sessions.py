@@ -40,9 +40,7 @@ _MARGIN = {"l": 64, "r": 18, "t": 56, "b": 48}
 
 
 def session_pictures(session: SlaveSession, start: int, words: MessageFormatter) -> list[Picture]:
-    """Return the pictures of a slave-mode session, except for pictures without data. `start` is the time of
-    the first frame in ns since 1970.
-    """
+    """Return the pictures that have data. `start` is the time of the first frame in ns since 1970."""
     drawing = _SessionDrawing(session, start, words)
     pictures = drawing.pace(), drawing.spread(), drawing.motion()
     return [picture for picture in pictures if picture is not None]
@@ -212,10 +210,7 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Yield a plotly trace with one marker per set point. Each pair in `facts` has a set point and a
-        duration in ms, such as the cycle time. The duration sets the height of the marker. A set point
-        without a duration gets no marker.
-        """
+        """Mark set points at the height of a duration in ms. One without a duration gets no mark."""
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")
         texts = [
@@ -270,16 +265,16 @@ class _SessionDrawing:
             yield marker_trace(name, times, [0.0] * len(empty), ("x", ORANGE), texts, yaxis="y3")
 
     def _bars(self, title: str, color: str, bars: HistogramBars, number: str) -> Any:
-        pairs = list(zip(bars.lows, bars.highs, strict=True))
         counts = [self._words.plural("count.set-point", count) for count in bars.counts]
         ranges = [
-            self._words("report.hover.range", low=f"{low:.4g}", high=f"{high:.4g}") for low, high in pairs
+            self._words("report.hover.range", low=f"{low:.4g}", high=f"{high:.4g}")
+            for low, high in bars.edges
         ]
         return go.Bar(
             name=title,
-            x=[math.sqrt(low * high) if bars.logarithmic else (low + high) / 2 for low, high in pairs],
+            x=[math.sqrt(low * high) if bars.logarithmic else (low + high) / 2 for low, high in bars.edges],
             y=bars.counts,
-            width=[high - low for low, high in pairs],
+            width=[high - low for low, high in bars.edges],
             marker={"color": color, "line": {"color": color, "width": 1}},
             xaxis=f"x{number}",
             yaxis=f"y{number}",
@@ -342,16 +337,12 @@ class _SessionDrawing:
 
 
 def _axis_number(place: int) -> str:
-    """Return the number that plotly appends to the names of a diagram's axes. `place` is the index of the
-    diagram, counted from 0. For the first diagram, plotly appends no number, and the function returns "".
-    """
+    """Return the number that plotly appends to the names of the axes of diagram `place`, counted from 0."""
     return "" if place == 0 else str(place + 1)
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of diagrams. The gap between two columns of diagrams leaves
-    room for the labels of a diagram's axis.
-    """
+    """Return the left and right edge of a column of diagrams. The gaps hold the labels of the axes."""
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]

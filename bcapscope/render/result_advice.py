@@ -16,9 +16,7 @@ from bcapscope.render.color_palette import PLAIN, Palette
 
 
 def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the name of a result code in the colour of success or failure. The text for a failure also
-    contains the meaning of the code.
-    """
+    """Return the name of a result code, coloured as success or failure, and the meaning of a failure."""
     name = hresult_name(code)
     if is_failure(code):
         return f"{palette.bad}{name} ({words.text(describe_hresult(code).meaning)}){palette.reset}"
@@ -28,10 +26,7 @@ def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = E
 def result_advice(
     code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Yield lines about a result code: name, code and meaning.
-
-    For a failure, lines with the error level and advice follow.
-    """
+    """Yield a line with name, code and meaning. For a failure, add lines with the error level and advice."""
     found, name = describe_hresult(code), hresult_name(code)
     digits = f"0x{code & 0xFFFFFFFF:08X}"
     head = name if name == digits else f"{name} {digits}"

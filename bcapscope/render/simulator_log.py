@@ -12,8 +12,7 @@ from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.simulator import Peer
 from bcapscope.traffic.observation import Endpoint
 
-LONGEST_VALUE = 60
-"""Maximum number of characters of each argument in a line."""
+LONGEST_VALUE = 60  # characters of each argument
 
 
 def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGLISH_WORDS) -> str:

@@ -1,7 +1,4 @@
-"""The figures of a slave-mode session as text: timing, the controller's buffer and clock, and motion.
-
-`CaptionWriter` writes each section: a caption at the left, its text at the right.
-"""
+"""The figures of a slave-mode session as text: timing, the controller's buffer and clock, and motion."""
 
 from __future__ import annotations
 
@@ -26,8 +23,7 @@ from bcapscope.render.text_charts import DECADE_EDGES, edges_around, histogram
 
 CAPTION_WIDTH = 12
 TEXT_WIDTH = 62
-"""Width of the wrapped text to the right of a caption. With caption and scroll bar, a line fits into 80
-columns."""
+"""With caption and scroll bar, a line of wrapped text fits into 80 columns."""
 
 _FRAMES_SHOWN = 8
 
@@ -42,40 +38,31 @@ class CaptionWriter:
         return printable(self.words.text(text)) if isinstance(text, Message) else text
 
     def label(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the escaped text of the message with this id."""
         return self.text(Message(id, **places))
 
     def joined(self, messages: Iterable[Message]) -> str:
         return self.words("list.comma").join(map(self.text, messages))
 
     def captioned(self, caption: str, text: Message | str) -> str:
-        """Return a line that begins with the caption `slave.caption.<caption>`."""
         name = self.label(f"slave.caption.{caption}")
         space = " " * (CAPTION_WIDTH - display_width(name))
         return f"  {self.palette.dim}{name}{space}{self.palette.reset}{self.text(text)}".rstrip()
 
     def continued(self, text: Message | str) -> str:
-        """Return a line without a caption, which continues the text of the captioned line above it."""
         return f"  {'':<{CAPTION_WIDTH}}{self.text(text)}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
-        """Yield a long text as lines without a caption. Each line has the colour `color` and at most
-        `TEXT_WIDTH` columns.
-        """
         reset = self.palette.reset if color else ""
         return (self.continued(f"{color}{line}{reset}") for line in wrap_text(self.text(text), TEXT_WIDTH))
 
     def table(self, rows: Sequence[Sequence[str]], alignments: str, head_rows: int = 1) -> Iterator[str]:
-        """Yield the lines of a table; the first `head_rows` lines are dim."""
         for number, line in enumerate(align_columns(rows, alignments)):
             is_head = number < head_rows
             yield f"  {self.palette.dim}{line}{self.palette.reset}" if is_head else f"  {line}"
 
 
 def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
-    """Return a message that lists the first 8 frame numbers. The message also says how many of the `count`
-    frames it does not list.
-    """
+    """List the first 8 frame numbers, and say how many of the `count` frames are not listed."""
     shown = tuple(frames[:_FRAMES_SHOWN])
     left = (len(frames) if count is None else count) - len(shown)
     if left:
@@ -86,7 +73,6 @@ def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
 _SLICE_COLUMNS = (
     *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),
 )
-"""Ids of the columns in the table of time slices."""
 
 
 def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
@@ -144,8 +130,7 @@ def _grid_messages(timing: TimingFacts, cycle: DistributionSummary) -> Iterator[
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table of recommended timeouts. The table shows how many set points would have exceeded each
-    timeout."""
+    """Yield a table of recommended timeouts, with the number of set points that would have exceeded each."""
     rows = [tuple(map(writer.label, ("slave.timeouts", "slave.timeouts.one", "slave.timeouts.all")))]
     for deadline in timing.deadlines:
         name = ("* " if deadline.applies else "  ") + writer.text(deadline.name)
@@ -188,9 +173,7 @@ _MOTION = {True: "moving", False: "standing", None: "unknown"}
 
 
 def buffer_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield the lines about the controller's buffer: its level, estimated by a model, and the errors that the
-    controller reported.
-    """
+    """Describe the buffer: its level, estimated by a model, and the errors that the controller reported."""
     yield writer.captioned("buffer", Message("slave.buffer", slots=Count(buffer.slots, "slot")))
     for assumption in buffer.assumptions:
         yield from writer.wrapped(f"- {writer.text(assumption)}")
@@ -279,9 +262,7 @@ def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
 
 
 def motion_lines(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield lines about the motion of each axis: the steps, velocities and accelerations, and the difference
-    between the returned and the commanded pose.
-    """
+    """Describe the motion of each axis, and how the returned pose differs from the commanded one."""
     case = ".guessed" if motion.pose_type_guessed else ""
     yield writer.captioned("motion", Message(f"slave.motion{case}", poses=Count(motion.read, "pose")))
     if motion.unread:
@@ -298,9 +279,7 @@ _AXIS_HEADER = (
     ("", "least", "most", "step", "at-frame", "velocity", "", "acceleration", "", "off", "", "lag"),
     ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
 )
-"""The two heading rows of the table of axes. Each text is empty, or a message id without the prefix
-``slave.column.``.
-"""
+"""Message ids of the two heading rows, without the prefix ``slave.column.``."""
 
 
 def _axes(axes: Sequence[AxisMotion], writer: CaptionWriter) -> Iterator[str]:
@@ -340,7 +319,6 @@ def _p99_and_max(found: DistributionSummary | None) -> tuple[str, str]:
 
 
 def _short_number(value: float) -> str:
-    """Return a number with about four digits, to keep the table column narrow."""
     if value and not 1e-4 <= abs(value) < 1e6:
         return f"{value:.1e}"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"

@@ -1,8 +1,7 @@
 """Slave-mode sessions as JSON, one object per session.
 
-If a JSON member has a unit, the member's name ends in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970
-with nine decimals. Missing values are null. JSON members whose names end in `frame` or `frames` hold frame
-numbers.
+Names of members with a unit end in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970 with nine
+decimals. Names of members that hold frame numbers end in `frame` or `frames`.
 """
 
 from __future__ import annotations
@@ -50,18 +49,11 @@ def slave_session_record(slave_session: SlaveSession) -> bytes:
 
 
 def _session(session: SlaveSession) -> _Object:
-    return {
-        "stay": session.number,
-        **conversation_object(session.conversation),
-        **_members(session),
-    }
+    return {"stay": session.number, **conversation_object(session.conversation), **_members(session)}
 
 
 def _distribution(found: DistributionSummary) -> _Object:
-    """Return the JSON members of a distribution.
-
-    In `bins`, each bin is a list of lower edge, upper edge and count.
-    """
+    """In `bins`, each bin is a list of lower edge, upper edge and count."""
     bins = {"bins": [(each.low, each.high, each.count) for each in found.bins]} if found.bins else {}
     return {"count": found.count, **percentiles_object(found), **bins}
 
@@ -168,10 +160,8 @@ _MEMBERS: dict[type, str] = {
         "latency_ms=latency rtt_ms=rtt deadlines slowest slack_ms gaps gap_list"
     ),
 }
-"""JSON members of each class, in order. A member is written ``name=attribute``, or only as the name if both
-are equal. ``@`` marks a time. ``!`` marks a result code. After the result code, the object has a member with
-the name of the code.
-"""
+"""JSON members of each class, in order, as ``name=attribute``, or only as the name if both are equal. ``@``
+marks a time, ``!`` a result code, which also gets a member with its name."""
 
 
 def _members(value: object) -> _Object:
@@ -202,5 +192,4 @@ _CONVERTERS: dict[type, Callable[[Any], object]] = {
     SetPointCounts: _counts,
     SlaveSession: _session,
 }
-"""For each class, the function that converts its objects to JSON types. orjson calls this function for
-classes that it cannot encode."""
+"""For each class that orjson cannot encode, the function that converts its objects to JSON types."""

@@ -38,10 +38,7 @@ GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
 def slave_session_lines(
     slave_session: SlaveSession, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Yield all lines about a slave-mode session.
-
-    The entry time is in UTC; all other times are in seconds since the entry.
-    """
+    """Yield all lines. The entry time is in UTC; all other times are in seconds since the entry."""
     writer = CaptionWriter(palette, words)
     conversation = slave_session.conversation
     ends: dict[str, PlaceValue] = {
@@ -176,8 +173,7 @@ def exit_message(reason: ExitReason) -> Message:
 
 
 def exit_result_message(code: int, slave_session: SlaveSession) -> Message:
-    """Return a result code with its meaning. The meaning of a code depends on the controller of the
-    slave-mode session."""
+    """Return a result code with its meaning, which depends on the controller of the session."""
     info = describe_hresult(code, rc7=slave_session.mode.generation is Generation.RC7)
     case = ".guess" if info.is_guess else ""
     return Message(f"slave.result{case}", code=hresult_name(code), meaning=info.meaning)

@@ -36,10 +36,8 @@ from bcapscope.traffic.observation import Conversation
 _PLACE_COLUMNS = ("frames", "lost", "p50", "p90", "p99", "max", "error")
 
 MAX_ROWS = 40
-"""Maximum number of rows of a text table. The table of clients shows the clients with the most calls. A
-client's own table shows the functions and commands with the largest `line_time_share`. JSON output contains
-all rows.
-"""
+"""Maximum number of rows of a text table; JSON contains all rows. The table of clients shows those with the
+most calls. A client's own table shows the kinds of call with the largest `line_time_share`."""
 
 _LONGEST_NAME = 40
 _COLUMNS = (
@@ -62,11 +60,9 @@ _FIGURES = {
     "calls_per_s": "calls_per_second",
     "line_time_share": "line_time_share",
 }
-"""Attributes of `CallFigures` by their names in JSON and CSV."""
 
 
 def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the name of a function, followed by its command if there is one."""
     if call_kind is OTHER_KINDS:
         return words("stats.others")
     name = function_name(call_kind.function_id)
@@ -130,9 +126,6 @@ def _with_header(
     palette: Palette,
     words: MessageFormatter,
 ) -> Iterator[str]:
-    """Yield the lines of a table. `caption` is the heading of the first column. Each name in `columns`
-    selects the heading of one further column.
-    """
     head = (caption, *(words(f"stats.column.{name}") for name in columns))
     first, *others = align_columns([head, *rows], "<" + ">" * len(columns))
     yield f"{palette.dim}{first}{palette.reset}"
@@ -168,9 +161,6 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
 
 
 def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: MessageFormatter) -> Iterator[str]:
-    """Yield a table with the delays and losses between two places, one row per conversation that was captured
-    at both places.
-    """
     if not places:
         return
     rows = [
@@ -197,8 +187,8 @@ def _one_way_cells(figures: OneWayFigures, error: float) -> tuple[str, ...]:
 def statistics_record(statistics: Statistics) -> bytes:
     """Return the figures of a period as one JSON object, without a line end.
 
-    Latencies and delays are in milliseconds, `start` and `end` are in seconds since 1970. `line_time_share`
-    is between 0 and 1. `places` has one object per conversation that was captured at two places.
+    Latencies and delays are in milliseconds, `start` and `end` in seconds since 1970. `line_time_share` is
+    from 0 to 1. `places` has one object per conversation that was captured at two places.
     """
     return orjson.dumps(
         {
@@ -251,15 +241,13 @@ def _function(call_kind: CallKind) -> str:
 
 
 def statistics_header() -> str:
-    """Return the header of the CSV table. The column `row` contains `total`, `client` or `command`."""
+    """Return the CSV header. The column `row` contains `total`, `client` or `command`."""
     columns = ("start", "end", "row", "client", "server", "transport", "function", "command")
     return csv_row((*columns, *_FIGURES, *(f"latency_ms.{name}" for name in PERCENTILES)))
 
 
 def statistics_rows(statistics: Statistics) -> Iterator[str]:
-    """Yield the CSV rows for a period: a total row, then one row per client, then one row per command of each
-    client.
-    """
+    """Yield the CSV rows of a period: the total, then each client, then each command of each client."""
     period = epoch_text(statistics.start), epoch_text(statistics.end)
     yield csv_row((*period, "total", *_csv_cells(statistics.total)))
     for row in statistics.clients:

@@ -18,17 +18,15 @@ _LARGEST = 1e9
 
 
 ChartCurve: TypeAlias = "tuple[Sequence[tuple[float, float]], str]"
-"""The points of a curve, and the ANSI colour sequence for it."""
 
 
 def braille_chart(
     curves: Sequence[ChartCurve], width: int, height: int, palette: Palette = PLAIN, unit: str = ""
 ) -> list[str]:
-    """Return a chart of all curves in braille characters, with at least 2 lines and 11 columns. Leave out a
-    point if the absolute value of a coordinate is 1e9 or more.
+    """Draw curves in braille characters, with at least 2 lines and 11 columns. Leave out points with a
+    coordinate of 1e9 or more.
 
-    `height` is the number of lines, `width` the number of columns. Labels at the left show the range of y in
-    `unit`. Labels below show the range of x in seconds.
+    Labels at the left show the range of y in `unit`, labels below the range of x in seconds.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
@@ -89,8 +87,6 @@ def _label(row: int, rows: int, low: float, high: float, unit: str) -> str:
 
 
 def _short(value: float, unit: str) -> str:
-    """Return a number with its unit. The number has four digits, or fewer if four do not fit into the
-    label."""
     texts = (f"{value:.{digits}g}{unit}" for digits in (4, 3, 2, 1))
     return next((text for text in texts if len(text) <= _LABEL), f"{value:.0e}")
 
@@ -122,8 +118,7 @@ def edges_around(period: float) -> tuple[float, ...]:
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
     """Yield one line per interval between two edges, from the first to the last interval that has values.
 
-    The histogram assigns all values of a bin to the interval that contains the middle of the bin. An interval
-    with at least one value always has a bar, so that rare values are visible.
+    The middle of a bin decides which interval gets its values. An interval with any value has a visible bar.
     """
     counts = [0] * (len(edges) + 1)
     for each in bins:
@@ -159,10 +154,7 @@ _HOLE = "·"
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """Return one bar character per value. The scale of the bars runs from the smallest to the largest value.
-
-    NaN and infinities become dots.
-    """
+    """Return one bar character per value, scaled from smallest to largest. NaN and infinities are dots."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return _HOLE * len(values)

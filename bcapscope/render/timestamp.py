@@ -10,19 +10,14 @@ _SECOND = 1_000_000_000
 
 
 class TimeFormat(StrEnum):
-    RELATIVE = "relative"
-    """Seconds since the first frame."""
-    DELTA = "delta"
-    """Seconds since the previous line. The first line of the output shows seconds since the first frame."""
-    UTC = "utc"
-    """Date and time of day, UTC."""
-    EPOCH = "epoch"
-    """Seconds since 1970-01-01 UTC."""
+    RELATIVE = "relative"  # seconds since the first frame
+    DELTA = "delta"  # seconds since the previous line; in the first line, since the first frame
+    UTC = "utc"  # date and time of day
+    EPOCH = "epoch"  # seconds since 1970-01-01 UTC
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
-    """Return a function that formats times in ns. In the format `RELATIVE`, the first formatted time counts
-    as 0."""
+    """Return a function that formats times in ns. With `RELATIVE`, the first formatted time counts as 0."""
     if time_format is TimeFormat.UTC:
         return utc_text
     if time_format is TimeFormat.EPOCH:
@@ -43,16 +38,13 @@ def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
 
 
 def epoch_text(time: int) -> str:
-    """Return a time as seconds since 1970-01-01 UTC with nine decimals."""
+    """Return seconds since 1970-01-01 UTC with nine decimals."""
     sign, time = ("-", -time) if time < 0 else ("", time)
     return "%s%d.%09d" % (sign, *divmod(time, _SECOND))
 
 
 def utc_text(time: int) -> str:
-    """Return a time as ISO 8601 text in UTC, with nine decimals.
-
-    For a time after year 9999, return seconds since 1970, as `epoch_text` does.
-    """
+    """Return ISO 8601 text with nine decimals, or the same as `epoch_text` for a time after year 9999."""
     try:
         date = datetime.fromtimestamp(time // _SECOND, UTC)
     except (OverflowError, ValueError, OSError):

@@ -1,39 +1,27 @@
 """Write captured trajectories as files that `play` can read: CSV, or JSON with details of the session.
 
-The CSV is comma-separated UTF-8 text without a byte order mark. The first line is a header; each further line
-is one set point. Lines end in LF; there are no comments and no quotes. A cell without a value is empty.
-Numbers have a decimal point and no thousands separators. A parser gets exactly the number that the client
-sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
+The CSV is comma-separated UTF-8 text without a byte order mark, quotes or comments. Lines end in LF. Numbers
+have a decimal point; `nan`, `inf` and `-inf` are possible. A parser gets exactly the number that the client
+sent. A missing value is an empty cell (null in JSON). Programs should find columns by name:
 
 ``time_s``
-    Time in seconds at which the client first sent the set point, nine decimals. The first set point in the
-    file has the time 0.
+    Time at which the client first sent the set point, in seconds since the first set point in the file.
 ``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
 ``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
-    The commanded pose, with as many axes as the client sent. In a column name such as ``X_mm``, the part
-    after the underscore is the unit. A capture does not show which joints are linear axes, so the names
-    of all joint columns say degrees. The values of a linear axis are in mm, although the column name says
-    degrees.
+    The commanded pose, with as many axes as the client sent. A capture does not show which joints are linear
+    axes. Their values are in mm, although the column name says degrees.
 ``returned_J1_deg`` … and so on
-    The pose in the accepted reply; empty if the reply has no pose.
+    The pose in the accepted reply.
 ``reply_s``
-    Time of the accepted reply, counted like ``time_s``; empty if no reply was captured.
+    Time of the accepted reply, counted like ``time_s``.
 ``controller_time_ms``
-    The controller's time stamp in ms. The time stamp wraps, because the controller sends a signed 32-bit
-    number of ms or µs. The column is missing if the replies have no time stamps.
-``retries``
-    Number of retries of the set point.
-``hresult``
-    Result code in the reply, unsigned; empty if no reply was captured.
-``call``
-    Number of the call in the output of `bcapscope calls`.
+    The controller's time stamp, which wraps, because the controller sends a signed 32-bit number of ms or µs.
+    The column is missing if the replies have no time stamps.
+``retries``, ``hresult``, ``call``
+    Number of retries, unsigned result code, and number of the call in the output of `bcapscope calls`.
 
-A program that reads the file needs only ``time_s`` and the commanded pose. Programs that read the file should
-find columns by name.
-
-The JSON file contains one JSON object, which begins with details of the slave-mode session. The member
-`columns` has the column names of the CSV. `rows` has an array of values for each set point. `null` means that
-a value is missing. NaN and infinities are strings. `points` is the number of set points.
+The JSON object has the column names of the CSV in `columns`, an array of values for each set point in `rows`,
+and the number of set points in `points`. NaN and infinities are strings.
 """
 
 from __future__ import annotations
@@ -48,8 +36,7 @@ from bcapscope.render.json_values import conversation_object, json_number, text_
 from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
 
-FORMAT = "bcapscope trajectory 1"
-"""Name and version of the JSON format, in the member ``format``."""
+FORMAT = "bcapscope trajectory 1"  # in the member ``format`` of the JSON
 
 
 class CsvTrajectoryWriter:

@@ -1,7 +1,4 @@
-"""Write the values of VARIANTs as text, for the fields of a frame and for the values of a reply.
-
-`untyped_text` and `typed_text` use the notation that `protocol.codec.variant_notation` parses.
-"""
+"""Values of VARIANTs as text: of fields, of replies, and in the notation of `variant_notation`."""
 
 from __future__ import annotations
 
@@ -15,14 +12,11 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.number import currency_text, date_text, number_text, single_text
 
-LONGEST_STRING = 60
-"""By default, the text of a string shows at most this many characters."""
+LONGEST_STRING = 60  # characters of a string, by default
 
-MAX_ELEMENTS = 512
-"""The text of a reply's value shows at most this many elements of an array."""
+MAX_ELEMENTS = 512  # of an array in a reply's value
 
-LONGEST_REPLY_STRING = 4000
-"""The text of a reply's value shows at most this many characters of a string."""
+LONGEST_REPLY_STRING = 4000  # characters of a string in a reply's value
 
 _DECIMALS = 5  # b-CAP Tester shows 5 decimals (DENSO Wave 2009, How to use the Slave mode)
 _EMPTY = "(EMPTY)"
@@ -31,10 +25,7 @@ _EMPTY = "(EMPTY)"
 def value_text(
     value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return a scalar value as text. Return "" for bytes, for an array and for None.
-
-    A string is cut after `longest` characters.
-    """
+    """Return a scalar value, or "" for bytes, arrays and None. Cut a string after `longest` characters."""
     if isinstance(value, str):
         return _string_text(value, longest, words)
     if isinstance(value, bool):
@@ -62,13 +53,11 @@ def _float_text(value: float, vt: int) -> str:
 
 
 def reply_values_text(reply: Frame, full: bool = False) -> str:
-    """Return the values of a reply as text, or ``(EMPTY)`` if the reply has no values."""
     return "  ".join(variant_values_text(value, full) for value in reply.variants) or _EMPTY
 
 
 def variant_values_text(variant: Variant, full: bool = False) -> str:
-    """Return a value as escaped text. Floating-point numbers have five decimals, or all digits with
-    `full`."""
+    """Return escaped text. Floating-point numbers have five decimals, or all digits with `full`."""
     base, value = variant.vt & ~ARRAY, variant.value
     if value is None:
         return _EMPTY
@@ -95,26 +84,22 @@ def _reply_scalar(vt: int, value: Value, full: bool) -> str:
 
 
 def untyped_text(variant: Variant) -> str | None:
-    """Return a value as text without its type, such as ``10,20,30``. To parse the result, a program must know
-    the type.
+    """Return a value as text without its type, such as ``10,20,30``.
 
-    The result is None if the notation cannot express the value. The notation cannot express nested VARIANT
-    arrays, arrays with separators inside strings, or types that b-CAP does not have.
+    Return None if the notation cannot express the value: nested VARIANT arrays, arrays with separators inside
+    strings, or types that b-CAP does not have.
     """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None
 
 
 def typed_text(variant: Variant) -> str | None:
-    """Return a value in the notation with its type, such as ``r4[]:10,20,30``. Return None if the notation
-    cannot express the value.
-    """
+    """Return a value with its type, such as ``r4[]:10,20,30``; None if it cannot be expressed so."""
     text = untyped_text(variant)
     return None if text is None else f"{type_word(variant.vt)}:{text}"
 
 
 def type_word(vt: int) -> str:
-    """Return the name of a type in the notation, such as ``i4`` or ``r4[]``."""
     base = vt & ~ARRAY
     name = VT(base).name.lower() if base in VT.__members__.values() else f"0x{base:04x}"
     return f"{name}[]" if vt & ARRAY else name

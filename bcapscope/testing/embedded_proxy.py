@@ -11,13 +11,9 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
 
-_IDLE_FOR = 1.0
-"""If the recorder writes nothing for this time in seconds, the recording is up to date. The recorder polls
-every 0.075 s.
-"""
+_IDLE_FOR = 1.0  # s; the recorder polls every 0.075 s, so that it would have written new data
 
-_WRITTEN_WITHIN = 5.0
-"""Maximum time in seconds to wait for the recorder."""
+_WRITTEN_WITHIN = 5.0  # seconds
 
 _CHECK_INTERVAL = 0.02
 
@@ -66,11 +62,7 @@ class EmbeddedProxy(RecordingContext):
         self._process: ChildProcess | None = None
 
     def _start(self, opened: ExitStack) -> tuple[int, ...]:
-        """Start the proxy.
-
-        Raises:
-            ChildStartError: The proxy cannot start, for example because the address is invalid.
-        """
+        """Raises ChildStartError if the proxy cannot start, for example because the address is invalid."""
         self._process = ChildProcess("proxy", *self._words, "--record", str(self.recording.resolve()))
         listening, _, controller = self._process.listen_addresses[0].partition(" > ")
         return int(listening.rpartition(":")[2]), int(controller.rpartition(":")[2])

@@ -21,8 +21,7 @@ from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
 if TYPE_CHECKING:
     from bcapscope.simulator.simulator_server import SimulatorServer
 
-_WRITTEN_WITHIN = 5.0
-"""Maximum time in seconds that the recorder may take to write the waiting packets."""
+_WRITTEN_WITHIN = 5.0  # seconds for the recorder to write the waiting packets
 
 
 class EmbeddedSimulator(RecordingContext):
@@ -72,12 +71,7 @@ class EmbeddedSimulator(RecordingContext):
         self._thread: _ServerThread | None = None
 
     def _start(self, opened: ExitStack) -> tuple[int, ...]:
-        """Start the controller.
-
-        Raises:
-            SimulatorListenError: No loopback port is free.
-            FileWriteError: The capture cannot be written.
-        """
+        """Raises SimulatorListenError if no loopback port is free, and FileWriteError for the capture."""
         from bcapscope.simulator.simulator_server import SimulatorServer  # imports asyncio
 
         _, controller = start_controller(self._scenario, self._seed)
@@ -99,9 +93,7 @@ class EmbeddedSimulator(RecordingContext):
 
 
 class _ServerThread:
-    """The thread that serves the clients. The thread owns the server and the recorder until the thread
-    ends.
-    """
+    """The thread that serves the clients. It owns the server and the recorder until it ends."""
 
     def __init__(self, server: SimulatorServer, recorder: BackgroundRecorder) -> None:
         self._server = server
@@ -151,7 +143,7 @@ class _ServerThread:
 
 
 class _EndServing(Exception):
-    """Ends the loop of the serving thread when the thread's owner asks for it."""
+    """Ends the loop of the serving thread."""
 
 
 def _load(name_or_path: str) -> Scenario:

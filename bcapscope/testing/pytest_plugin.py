@@ -1,7 +1,6 @@
 """The pytest plugin of bcapscope: fixtures for the tests of b-CAP clients.
 
-pytest loads this module in every test run where bcapscope is installed. To load fast, this module imports the
-rest of bcapscope only when a test uses a fixture.
+pytest loads this module in every test run. It imports the rest of bcapscope only when a test uses a fixture.
 """
 
 from __future__ import annotations
@@ -65,9 +64,7 @@ def bcap_proxy(
 
 
 def _marked_options(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """Return the options of the markers; if two markers set the same option, use the marker closer to the
-    test.
-    """
+    """Return the options of all markers; the marker closest to the test wins."""
     options: dict[str, Any] = {}
     for marker in reversed(list(request.node.iter_markers("bcap"))):
         unknown = sorted(set(marker.kwargs) - {"profile", "scenario", "faults", "seed"})
@@ -86,7 +83,6 @@ def _remember(request: pytest.FixtureRequest, source: RecordingContext) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add the b-CAP traffic to the report of a test that failed."""
     report = yield
     if report.failed and report.when == "call":
         for name, source in item.stash.get(_SOURCES, {}).items():

@@ -20,23 +20,12 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 
 
 class RecordedTraffic(PipelineSubscriber):
-    """The calls and findings of a recording so far.
-
-    Attributes:
-        calls: Calls in the order in which they ended, each with the object of its handle. The list includes
-            calls without a reply.
-        findings: Findings of `bcapscope diagnose`, root cause first.
-        totals: Totals of the traffic in which the findings were found.
-    """
+    """`calls` are in the order in which they ended, each with the object of its handle."""
 
     needs_targets = True
 
     def __init__(self, path: Path, ports: Collection[int]) -> None:
-        """Read a recording. `ports` are the ports of the controllers in the recording.
-
-        Raises:
-            CaptureError: The file cannot be opened.
-        """
+        """`ports` are those of controllers. Raises CaptureError if the file cannot be opened."""
         open_capture(path).close()
         self.calls: list[tuple[Call, TrackedObject | None]] = []
         # The last packet may be incomplete, because another thread or process is writing it.
@@ -51,8 +40,7 @@ class RecordedTraffic(PipelineSubscriber):
         self.calls.append((call, target))
 
 
-MAX_CALLS = 30
-"""Maximum number of calls in a report. The report shows the last calls of the test."""
+MAX_CALLS = 30  # of a report: the last ones of the test
 
 
 def failure_report_lines(traffic: RecordedTraffic, recording: Path) -> Iterator[str]:

@@ -21,8 +21,7 @@ LOOPBACK = "127.0.0.1"
 
 
 class RecordingContext(ABC):
-    """Records the traffic of a `with` or `async with` block in the file `record`. If `record` is None, the
-    file is temporary.
+    """Records the traffic of a `with` or `async with` block, in a temporary file if `record` is None.
 
     `async with` starts and stops the recording in a thread, so that the event loop does not wait. If the
     asyncio task is cancelled, the recording stops before `async with` raises CancelledError.
@@ -64,9 +63,8 @@ class RecordingContext(ABC):
 
     @abstractmethod
     def _start(self, opened: ExitStack) -> tuple[int, ...]:
-        """Start to serve and record. Return the ports that controllers have in the recording; clients connect
-        to the first. The exit stack `opened` is closed after `_stop` has run.
-        """
+        """Return the ports of controllers in the recording; clients connect to the first. `opened` outlasts
+        `_stop`."""
 
     @abstractmethod
     def _stop(self) -> None:

@@ -1,7 +1,7 @@
-"""The capture interfaces that bcapscope adds to Wireshark, with their options. Wireshark reads interfaces and
-options as lines of text, which the extcap protocol calls sentences (`man extcap`).
+"""The capture interfaces that bcapscope adds to Wireshark, and their options, as extcap sentences (`man
+extcap`).
 
-When Wireshark starts, it runs every program in its extcap folder. This module imports little, so that it
+Wireshark runs every program in its extcap folder when it starts. This module imports little, so that it
 starts fast.
 """
 
@@ -18,19 +18,16 @@ from bcapscope.messages import Message
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario_files import bundled_titles
 
-UNSET = "unset"
-"""Value that a user chooses in Wireshark's dialog to leave out an option."""
+UNSET = "unset"  # the choice in Wireshark's dialog that leaves out an option
 
 _FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
-"""Pattern of one fault in a text with several faults. Semicolons separate the faults. A fault may contain
-semicolons in quotation marks.
-"""
+"""Pattern of one fault. Semicolons separate faults; within a fault, they are in quotation marks."""
 
 _NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    """The options of a capture interface are invalid; the error text names the invalid option."""
+    """The text names the invalid option."""
 
 
 class DialogType(StrEnum):
@@ -45,17 +42,15 @@ class DialogType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DialogOption:
-    """An input field in Wireshark's dialog for a capture interface. The input field sets an option of a
-    bcapscope command.
+    """An input field in Wireshark's dialog. It sets an option of a bcapscope command.
 
     Attributes:
         call: Name that Wireshark passes, such as `--port`.
-        placeholder: Example that Wireshark shows in an empty input.
-        choices: Maps each value of a list to the text that Wireshark shows for this value.
+        placeholder: Example in an empty input.
+        choices: Maps each value of a list to the text that Wireshark shows.
         range: Smallest and largest number; "" for no limits.
-        option: Name of the command's option; "" if the name is the same as `call`.
-        each_value: If the input can contain several values, the pattern of one value. If the input contains
-            several values, the command gets the option once for each value.
+        option: Name of the command's option; "" if it is the same as `call`.
+        each_value: Pattern of one value, if the input can contain several.
     """
 
     call: str
@@ -71,7 +66,6 @@ class DialogOption:
     each_value: re.Pattern[str] | None = None
 
     def words(self, value: str) -> list[str]:
-        """Return the words that the option adds to the command line; no words if the value is empty."""
         if self.type is DialogType.SWITCH:
             return [self.call] if value == "true" else []
         values = [value] if self.each_value is None else self.each_value.findall(value)
@@ -81,13 +75,7 @@ class DialogOption:
 
 @dataclass(frozen=True, slots=True)
 class CaptureSource:
-    """A capture interface in Wireshark. The packets of this interface come from a bcapscope command.
-
-    Attributes:
-        name: Name of the interface, as for `tshark -i`.
-        title: Name for people.
-        command: bcapscope command that records the packets.
-    """
+    """A capture interface in Wireshark. The bcapscope `command` records its packets."""
 
     name: str
     title: str
@@ -95,12 +83,10 @@ class CaptureSource:
     options: tuple[DialogOption, ...]
 
     def command_words(self, given: Sequence[str]) -> list[str]:
-        """Convert the options that Wireshark passes. Return the words of the command and of its options. The
-        others have defaults.
+        """Convert the options that Wireshark passes to the words of the command and of its options.
 
-        Raises:
-            CaptureOptionError: An option is unknown, missing or without a value, or cannot be combined with
-                another option.
+        Raises CaptureOptionError if an option is unknown, missing, without a value, or conflicts with another
+        one.
         """
         values = self._values(given)
         words, used = [self.command], dict[str, str]()
@@ -256,7 +242,6 @@ _FILE_TYPES = "Scenarios (*.yaml *.yml);;All files (*)"
 
 
 def interface_sentences(sources: dict[str, CaptureSource]) -> Iterator[str]:
-    """Yield a sentence with the version of bcapscope, then a sentence for each interface."""
     yield _sentence("extcap", version=__version__, display="b-CAP")
     for source in sources.values():
         yield _sentence("interface", value=source.name, display=source.title)
@@ -267,9 +252,6 @@ def link_type_sentences() -> Iterator[str]:
 
 
 def option_sentences(source: CaptureSource) -> Iterator[str]:
-    """Yield an extcap sentence for each option of a capture interface. After an option with a list of values,
-    yield an extcap sentence for each value.
-    """
     for number, option in enumerate(source.options):
         yield _sentence("arg", number=number, **_input(option))
         for value, display in option.choices.items():

@@ -1,6 +1,4 @@
-"""Write the Wireshark dissector: the protocol's tables as Lua code, followed by the Lua parts in the folder
-`lua`. The dissector takes all its names, numbers and texts from the Lua tables.
-"""
+"""Write the Wireshark dissector: the protocol's tables as Lua code, then the parts in the folder `lua`."""
 
 from __future__ import annotations
 
@@ -25,17 +23,13 @@ from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, RETRY_WITHIN_NS
 from bcapscope.traffic.recent_serials import MAX_SERIALS
 from bcapscope.traffic.serial_table import MAX_REUSED
 
-PARTS = ("inflate", "decoder", "splitter", "dissector")
-"""The fixed Lua parts of the dissector, in the order in which the dissector contains them. Each part uses
-what the earlier parts export.
-"""
+PARTS = ("inflate", "decoder", "splitter", "dissector")  # each uses what the earlier parts export
 
 _EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
 
 _TEXT_ID = re.compile(r'"((?:problem|hresult)\.[a-z0-9.-]*[a-z0-9])"')
 
-_HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")
-"""Unicode categories of the characters that can control a terminal or hide text."""
+_HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")  # characters that can control a terminal or hide text
 
 _HEAD = """\
 -- DENSO b-CAP for Wireshark, Lua 5.2 to 5.4.
@@ -54,18 +48,14 @@ def dissector_text() -> str:
 
 
 def _block(part: str) -> str:
-    """Put a part of the dissector into a separate Lua block, and return the block. One Lua function can have
-    at most 200 local names.
-    """
+    """Put a part into its own Lua block, because one Lua function can have at most 200 local names."""
     exports = _EXPORTS.search(part)
     declared = f"local {exports[1]}\n" if exports else ""
     return f"{declared}do\n\n{part}\nend\n"
 
 
 def _tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua code. `parts` are the fixed Lua parts of the dissector. The tables contain
-    only the texts whose ids occur in `parts`.
-    """
+    """Return all tables as Lua code, with only those texts whose ids occur in `parts`."""
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {
         unit: [ENGLISH_WORDS.plural(f"count.{unit}", number).replace(str(number), "{n}") for number in (1, 2)]

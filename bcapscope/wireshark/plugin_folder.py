@@ -1,6 +1,4 @@
-"""The folders from which Wireshark loads a user's plugins, and bcapscope's files in these folders: the
-dissector, coloring rules for the packet list, and the program that calls bcapscope for captures.
-"""
+"""Wireshark's folders for plugins, and bcapscope's files there: dissector, coloring rules and launcher."""
 
 from __future__ import annotations
 
@@ -20,8 +18,7 @@ from bcapscope.wireshark.dissector import dissector_text
 IS_WINDOWS = sys.platform == "win32"
 LAUNCHER_NAME = "bcapscope.bat" if IS_WINDOWS else "bcapscope"
 DISSECTOR_NAME = "bcapscope.lua"
-COLORING_RULES_NAME = "bcapscope.colorfilters"
-"""Wireshark loads only .lua files from the folder, so the user must import the coloring rules."""
+COLORING_RULES_NAME = "bcapscope.colorfilters"  # the user must import it: Wireshark loads only .lua files
 
 _OWN_MARK = b"bcapscope"
 _MARK_WITHIN = 400  # bytes
@@ -35,10 +32,9 @@ def default_plugin_folder() -> Path:
 
 
 def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path, list[Path]]:
-    """Write dissector, coloring rules and launchers; return the paths of these files.
+    """Write dissector, coloring rules and launchers; return their paths.
 
-    Raises:
-        FileWriteError: A file cannot be written, or another program has a file with the same name.
+    Raises FileWriteError if a file cannot be written, or belongs to another program.
     """
     dissector, coloring_rules = folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME
     launchers = [each / LAUNCHER_NAME for each in launcher_folders]
@@ -65,10 +61,9 @@ def _write(path: Path, text: str, mode: int) -> None:
 
 
 def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
-    """Remove the files that `install` wrote, and return the paths of the removed files.
+    """Remove the files that `install` wrote, and return their paths.
 
-    Raises:
-        FileWriteError: A file cannot be removed, or another program has a file with the same name.
+    Raises FileWriteError if a file cannot be removed, or belongs to another program.
     """
     launchers = [each / LAUNCHER_NAME for each in launcher_folders]
     paths = [folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME, *launchers]
@@ -87,7 +82,6 @@ def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
 
 
 def _check_own(path: Path) -> None:
-    """If a file exists at `path`, check that bcapscope wrote it."""
     if not os.path.lexists(path):
         return
     try:
@@ -121,7 +115,6 @@ set "__PYVENV_LAUNCHER__={environment}"
 
 
 def launcher_text(executable: str = sys.executable, *, is_windows: bool = IS_WINDOWS) -> str:
-    """Return the launcher, which calls bcapscope with the interpreter `executable`."""
     if not is_windows:
         return _SHELL.format(python=shlex.quote(executable))
     # `sys._base_executable` is what multiprocessing uses to start Python without the launcher of a venv.
@@ -131,9 +124,7 @@ def launcher_text(executable: str = sys.executable, *, is_windows: bool = IS_WIN
 
 
 def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return the folders in which Wireshark looks for the launcher. If `folder` is given, return only the
-    subfolder `extcap` of `folder`. If `folder` is None, return the personal extcap folders of all versions of
-    Wireshark.
+    """Return where Wireshark looks for the launcher: in `folder`, or in the user's folders if it is None.
 
     Wireshark 4.0 and older search the configuration folder; 4.2 and newer search ~/.local/lib instead. On
     Windows, all versions search the same folder.
@@ -150,10 +141,9 @@ def _windows_folder() -> Path:
 
 
 def _configuration_folder() -> Path:
-    """Return the folder in which Wireshark looks for its preferences.
+    """Return the folder of Wireshark's preferences.
 
-    If only ~/.wireshark exists, return ~/.wireshark. If bcapscope created ~/.config/wireshark, Wireshark
-    would ignore ~/.wireshark.
+    Wireshark would ignore an existing ~/.wireshark if bcapscope created ~/.config/wireshark.
     """
     if chosen := os.environ.get("WIRESHARK_CONFIG_DIR"):
         return Path(chosen)
@@ -177,13 +167,10 @@ _COLORING_RULES = (
     ("reply", 'bcap.kind == "response"', (222, 240, 222), _TEXT),
     ("request", "bcap", (218, 232, 250), _TEXT),
 )
-"""Name, display filter, and colors of background and text (red, green and blue from 0 to 255). Wireshark
-colors a packet by the first rule whose display filter matches the packet.
-"""
+"""Name, display filter, and colors of background and text. Wireshark uses the first rule that matches."""
 
 
 def coloring_rules_text() -> str:
-    """Return the rules as a file that Wireshark imports under View > Coloring Rules."""
     lines = [
         f"@b-CAP {name}@{display_filter}@{_color(background)}{_color(text)}"
         for name, display_filter, background, text in _COLORING_RULES

@@ -93,9 +93,9 @@ def test_bars_hold_every_value(values: list[float]) -> None:
     bars = histogram_bars(found.bins, found.least, found.most)
     assert sum(bars.counts) == len(values)
     assert len(bars.counts) <= MAX_BARS + 1
-    assert all(low < high for low, high in zip(bars.lows, bars.highs, strict=True))
-    assert bars.lows == sorted(bars.lows)
-    assert bars.lows[0] <= max(found.least, found.bins[0].high)
+    assert all(low < high for low, high in bars.edges)
+    assert bars.edges == sorted(bars.edges)
+    assert bars.edges[0][0] <= max(found.least, found.bins[0].high)
     assert bars.logarithmic == (found.least > 0 and found.most > 5 * found.least) or len(found.bins) == 1
 
 
@@ -105,6 +105,6 @@ def test_bars_are_equally_wide() -> None:
     found = histogram.distribution(bins=True)
     assert found is not None
     bars = histogram_bars(found.bins, found.least, found.most)
-    widths = {round(high - low, 9) for low, high in zip(bars.lows, bars.highs, strict=True)}
+    widths = {round(high - low, 9) for low, high in bars.edges}
     assert not bars.logarithmic
     assert len(widths) == 1

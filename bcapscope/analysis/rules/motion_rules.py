@@ -87,8 +87,8 @@ def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]
     )
     clause = Message("clause.speed-changed-in-motion", call=change.call)
     frames = tuple(sorted({*motion.frames, *change.frames}))
-    time, client = change.ended, change.conversation
-    yield Occurrence("speed-changed-in-motion", time, time, client, frames, fact, clause, change.call.number)
+    time, client, number = change.ended, change.conversation, change.call.call
+    yield Occurrence("speed-changed-in-motion", time, time, client, frames, fact, clause, number)
 
 
 def _is_motion(call: Call) -> bool:

@@ -24,10 +24,10 @@ from bcapscope.errors import BcapError, message_of
 from bcapscope.faults.document import read_document
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
-from bcapscope.render.value_text import typed_text
+from bcapscope.render.call_code import argument_text
 from bcapscope.tui.reader_language import full_error_text
 from bcapscope.tui.settings import write_atomically
 
@@ -121,7 +121,7 @@ def save_request(
         raise SavedRequestError(Message("controller.saved.unknown"))
     skipped = 1 if function.takes_handle else 0
     pairs = list(zip(function.params, arguments, strict=True))[skipped:]
-    texts = [_argument_text(param, argument) for param, argument in pairs]
+    texts = [argument_text(param, argument) for param, argument in pairs]
     if None in texts:
         raise SavedRequestError(Message("controller.saved.nested"))
     stem = _UNSAFE.sub("_", name).strip(" .")[:80]
@@ -137,9 +137,3 @@ def save_request(
     except OSError as error:
         raise _problem(str(folder), os_reason(error)) from None
     return path
-
-
-def _argument_text(param: Param, argument: Variant) -> str | None:
-    if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
-        return argument.value
-    return typed_text(argument)
