@@ -16,6 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_messages import LONGEST_LINE, parse_endpoint
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
+from bcapscope.transport.listening import allow_restart
 
 MAX_CONNECTIONS = 16
 
@@ -176,7 +177,7 @@ def _listen_at_port(address: str) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        allow_restart(sock)
         sock.bind((host, port))
         sock.listen(_BACKLOG)
         return sock

@@ -12,6 +12,7 @@ from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.traffic.observation import Endpoint, Transport
+from bcapscope.transport.listening import allow_restart
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 SocketAddress: TypeAlias = tuple[Any, ...]
@@ -47,9 +48,8 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        # not on Windows: there, SO_REUSEADDR lets other programs take over the port
-        if stream and sys.platform != "win32":
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if stream:
+            allow_restart(sock)
         sock.bind(_own_address(family, endpoint))
         if stream:
             sock.listen(_BACKLOG)

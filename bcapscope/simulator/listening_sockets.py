@@ -9,6 +9,7 @@ from collections.abc import Hashable, Iterator
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.transport.listening import allow_restart
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 _RECEIVE_BUFFER = 4 << 20
@@ -43,7 +44,7 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
         sock = socket.socket(family, kind)
         sock.setblocking(False)
         if kind == socket.SOCK_STREAM:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            allow_restart(sock)
         else:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
             enable_receive_timestamps(sock)
