@@ -132,7 +132,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield packets by time. `waiting` holds each capture's index and begin, sorted by begin."""
+        """Yield packets by time. `waiting` holds each capture's index and start time, sorted by time."""
         reading: list[_Reading] = []
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):

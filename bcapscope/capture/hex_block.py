@@ -15,7 +15,7 @@ LARGEST_REPEAT = 64 * 1024
 """Maximum number of repeated bytes that one asterisk line of a dump may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
-"""Maximum number of bytes per block: many frames of real sessions. A longer dump becomes several blocks."""
+"""Maximum number of bytes per block, enough for many frames. A longer dump becomes several blocks."""
 
 MAX_ROWS = 16 * 1024
 """Maximum number of rows per block. A block of this many rows of 16 bytes has the size `LARGEST_BLOCK`."""
@@ -24,7 +24,7 @@ _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows. After a longer gap, a new block begins."""
 
 _BASES = {7: (16, 10, 8)}
-"""Possible bases of offsets with 7 digits, as of `od`. For other numbers of digits, the base is 16."""
+"""Bases in which `od` may print an offset of 7 digits. For other numbers of digits, the base is 16."""
 
 
 class HexBlock:
@@ -137,7 +137,7 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Convert an offset to a byte position in the block; None if it is not a number in `base`."""
+        """Convert an offset to a byte position in the block; None if the offset is no number in `base`."""
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:

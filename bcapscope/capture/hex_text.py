@@ -26,7 +26,8 @@ LARGEST_LIKELY = 64 * 1024
 """Largest plausible value of the length field, in bytes. Frames of real sessions have less than 10 KiB."""
 
 _LONGEST_COMPLETED = 1024
-"""Maximum bytes of a block that a line with words completes. UDP frames have up to 503 (orin_bcap dn_udp.h).
+"""Maximum number of bytes in a block that a line with words can complete. UDP frames have at most 503 bytes
+(orin_bcap dn_udp.h).
 """
 
 LONGEST_CAPTION = 120
@@ -157,7 +158,7 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Add bytes beside words: the end of the frame above, or the beginning of the block below."""
+        """Add bytes from a line with words: the end of the frame above, or the start of the block below."""
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -206,7 +207,7 @@ def _last_frame_start(block: HexBlock) -> int:
 
 
 def _frame_length(data: bytes) -> int | None:
-    """Return the length that the frame at the start of `data` states; None if it is implausible."""
+    """Return the length that the frame at the start of `data` states; None if this length is implausible."""
     length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
     return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
 
@@ -236,7 +237,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 
 
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
-    """Return whether `block` continues a frame. One byte must complete the frame: it may be a page number."""
+    """Return whether `block` continues a frame. A lone byte that completes no frame may be a page number."""
     data = block.data
     if block.is_captioned or block.starts_at_zero or _begins_as_frame(data):
         return False

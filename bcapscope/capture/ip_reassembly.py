@@ -104,7 +104,7 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old, and the oldest ones beyond `MEMORY_LIMIT`."""
+        """Drop incomplete packets that are too old, and the oldest if memory exceeds `MEMORY_LIMIT`."""
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:

@@ -59,8 +59,8 @@ class PacketDecoder:
 
     Attributes:
         counts: Numbers of packets and observations so far.
-        note_packet: Receives a frame number and the number of the frame's packet. The call may be missing for
-            a frame whose packet directly follows the previous frame's packet.
+        note_packet: Receives a frame number and the number of the frame's packet. A frame may be left out if
+            its packet directly follows the previous frame's packet.
         end_time: Latest capture time of all packets of any protocol, ns since 1970; 0 before the first.
     """
 

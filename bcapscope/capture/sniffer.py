@@ -40,7 +40,7 @@ class SnifferRecordKind(IntEnum):
 
 
 def captured_packets(scapy_socket: Any) -> Iterator[tuple[int, bytes] | None]:
-    """Yield the time (ns since 1970) and bytes of each packet. Yield None if none came for `READ_TIMEOUT`."""
+    """Yield time (ns since 1970) and bytes of each packet. Yield None if no packet came in `READ_TIMEOUT`."""
     while True:
         if not scapy_socket.select([scapy_socket], READ_TIMEOUT):
             yield None

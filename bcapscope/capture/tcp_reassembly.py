@@ -103,7 +103,7 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start at the first captured byte, which is the first byte sent if `from_start` is True."""
+        """Start with the first captured byte. `from_start` means that the sender sent no byte before it."""
         self.begun = True
         self._first_seq = seq
         self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
@@ -210,7 +210,7 @@ class TcpStream:
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Merge each pair of adjacent arrival marks, except the first, into one mark with the later time.
+        """Keep the first arrival mark. Merge the other marks in pairs; each pair keeps the later time.
 
         The first and the last mark give the times of a long frame. The marks in between matter only if a
         wrong length field made several frames look like one.

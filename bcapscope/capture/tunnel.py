@@ -9,8 +9,7 @@ from __future__ import annotations
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, IPPacket, find_ip, read_ip
 
 DEEPEST_TUNNEL = 8
-"""Maximum number of nested tunnels. Mirrored traffic has one or two; a hostile packet could have thousands.
-"""
+"""Maximum number of nested tunnels. A hostile packet could have thousands of tunnels."""
 
 _IPV4_IN_IP, _UDP, _IPV6_IN_IP, _GRE = 4, 17, 41, 47
 
