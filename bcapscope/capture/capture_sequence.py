@@ -132,7 +132,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield packets by time. `waiting` holds each capture's index and start time, sorted by time."""
+        """Yield packets sorted by time. `waiting` holds each capture's index and start time, also sorted."""
         reading: list[_Reading] = []
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):
@@ -183,7 +183,7 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
 
 
 class RunTable:
-    """Converts numbers: for example, packet 1200 of all captures may be packet 200 of the second capture."""
+    """Maps numbers to sources: packet 1200 of all captures may be packet 200 of the second capture."""
 
     def __init__(self) -> None:
         self._starts = array("Q")

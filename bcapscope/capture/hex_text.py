@@ -199,7 +199,7 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the offset of the last frame; 0 if the block has no frame, or if the last frame is too long."""
+    """Return the offset of the last frame; 0 if no frame begins the block, or the last frame is too long."""
     if not _begins_as_frame(block.data):
         return 0
     start = _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]

@@ -89,7 +89,7 @@ class PacketDecoder:
 
         The observations of a conversation are held back while its controller is unknown. If `decode` is
         called again, the observation numbers continue. Raises CaptureError if the capture is damaged, but
-        only after all observations.
+        only after all observations before the damage.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
