@@ -14,10 +14,10 @@ _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends each record to a file, and the offset of its end to an index file."""
+    """Appends each record to a file, and the record's end offset to an index file."""
 
     def __init__(self, path: Path) -> None:
-        """Create `path` and an index file beside it. Raises FileExistsError if one of them exists."""
+        """Create `path` and an index file beside it. Raises FileExistsError if either file exists."""
         self._file: BinaryIO = path.open("xb", buffering=0)
         self._index: BinaryIO = _index_path(path).open("xb", buffering=0)
         self._pending = bytearray()
@@ -84,7 +84,7 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """Reads the records that an `AppendLogWriter` writes. `len()` is their number at the latest `refresh`."""
+    """Reads the records of an `AppendLogWriter`. `len()` is the number of records at the latest `refresh`."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)

@@ -57,7 +57,7 @@ class GzipReader:
         self._decompressor = zlib.decompressobj(_GZIP_WINDOW)
 
     def __call__(self, size: int) -> bytes:
-        """Return up to `size` bytes; b"" at the end. Raise CaptureError at damage, after the bytes before."""
+        """Return up to `size` bytes; b"" at the end. Raise CaptureError after all bytes before the damage."""
         while True:
             if self._decompressor.eof and not self._next_member():
                 return b""
@@ -70,7 +70,7 @@ class GzipReader:
                 return data
 
     def _next_member(self) -> bool:
-        """Return False at the end. Zeros may follow the last member (gzip manual, "tapes")."""
+        """Return False if no gzip member follows. Zeros may follow the last member (gzip manual, "tapes")."""
         rest = self._decompressor.unused_data.lstrip(b"\x00")
         while len(rest) < len(GZIP_MAGIC):
             chunk = self._read(CHUNK_SIZE)

@@ -59,8 +59,8 @@ controller's side (0 if there is none), `is_missed`, `is_relayed`, `note`.
 class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
-    For a stray reply, `number` is 0, `request` is the reply's frame, and `reply` is the call that it is late
-    for, or 0. `evicted` then says whether it may belong to a call that was evicted from memory.
+    For a stray reply, `number` is 0, and `request` is the reply's frame. `reply` is then the number of the
+    call for which the reply is late, or 0. `evicted` means that the reply may belong to an evicted call.
     """
 
     number: int
@@ -102,7 +102,7 @@ class CallStoreWriter:
         return self._calls.count
 
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
-        """Add a row. Before `flush`, the caller must write its frames to the observation store."""
+        """Add a row. Before `flush`, the caller must write the frames of the row to the observation store."""
         if isinstance(settled, StrayReply):
             number = settled.observation.number
             late_for = settled.call_number or 0
@@ -169,7 +169,7 @@ class CallStore:
         return self._records.refresh()
 
     def read_call(self, index: int) -> StoredCall:
-        """Read a row by its index, from 0, or raise IndexError. The rows are in the order of completion."""
+        """Read a row by its index, from 0, or raise IndexError. Calls are in order of completion."""
         record = _decoder.decode(self._records.read_record(index))
         annotated = self._observations.read_frame(record.request)
         request = cast(FrameObservation, annotated.observation)

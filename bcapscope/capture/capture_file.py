@@ -37,8 +37,8 @@ _OTHER_FORMATS = {
 
 
 class CaptureFile:
-    """A capture that is read once. `position` is the number of bytes read so far. `size` is the file's size
-    on disk in bytes; None for a stream without a size, such as a pipe.
+    """A capture that can be read only once. `position` is the number of bytes read so far. `size` is the
+    file's size on disk in bytes; None for a stream without a size, such as a pipe.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -57,7 +57,7 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets without delay. Raise CaptureError at damage, after all packets before it."""
+        """Yield the packets without delay. Raise CaptureError after the last packet before damaged data."""
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 
@@ -96,14 +96,14 @@ class _GrowingFile(io.RawIOBase):
 
 
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
-    """Open a capture, plain or compressed with gzip, or raise CaptureError. Its content shows the format."""
+    """Open a capture, plain or compressed with gzip, or raise CaptureError. The content shows the format."""
     return CaptureFile(_open_file(path))
 
 
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
     """Open a capture that another program is still writing, or raise CaptureError.
 
-    At its end, the reader calls `on_idle` and waits for new data until the caller sets `ended`.
+    At the end of the file, the reader calls `on_idle` and waits for new data until the caller sets `ended`.
     """
     return CaptureFile(cast(BinaryIO, _GrowingFile(_open_file(path), ended, on_idle)))
 
@@ -116,8 +116,8 @@ def _open_file(path: str | os.PathLike[str]) -> io.FileIO:
 
 
 def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError], None]) -> Iterator[str]:
-    """Yield the paths, each folder replaced by the captures in it that `paths` does not name. `on_problem`
-    receives each folder that has no capture or cannot be read.
+    """Yield the paths. Replace each folder by the captures in this folder, except those that `paths` also
+    names. `on_problem` receives each folder that has no capture or cannot be read.
     """
     named = {os.path.realpath(path) for path in paths}
     for path in paths:
@@ -133,7 +133,7 @@ def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError
 
 
 def _captures_in(folder: str) -> list[str]:
-    """Return captures sorted by name, without hidden files: rsync hides a file while it copies the file."""
+    """Return a folder's captures, sorted by name. Ignore hidden files: rsync hides incomplete files."""
     try:
         names = sorted(os.listdir(folder))
     except OSError as error:
@@ -146,7 +146,7 @@ def _captures_in(folder: str) -> list[str]:
 
 
 def _is_capture(path: str) -> bool:
-    """Return True also if a file cannot be opened, so that a later attempt to open it reports the error."""
+    """Return whether a file is a capture; True also if opening fails: a later attempt reports the error."""
     try:
         with Path(path).open("rb", buffering=0) as stream:
             head = _open_source(stream.read).data[:4]
@@ -158,7 +158,7 @@ def _is_capture(path: str) -> bool:
 
 
 def _open_source(read: ChunkReader) -> ByteSource:
-    """Read the first four bytes or more, after decompression."""
+    """Open a stream, and read at least its first four bytes after decompression."""
     source = ByteSource(read)
     if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
         source = ByteSource(GzipReader(read, source.data))

@@ -91,7 +91,7 @@ class CaptureInput:
         return captures
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames, or only those of the chosen side. Errors go to `on_problem`; none is raised."""
+        """Yield all observations, or only those of the chosen side. `on_problem` receives all errors."""
         observations = self._all_observations()
         return observations if self._side is None else self._of_side(observations, self._side)
 
@@ -128,7 +128,7 @@ class CaptureInput:
 
     @property
     def ended_at(self) -> int:
-        """Time of the last packet of any protocol, ns since 1970. Valid after all observations were read."""
+        """Latest time of all packets read so far, of any protocol, ns since 1970."""
         return self.decoder.end_time
 
     def remember_origins(self) -> None:

@@ -23,16 +23,16 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of entries in a `RunTable` (40 MB). Captures of later packets are unknown."""
+"""Maximum number of entries in a `RunTable` (40 MB). For later packets, the capture is not known."""
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
 _Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
-"""Time of the next packet, index of the capture, the next packet, and an iterator over the later packets."""
+"""An open capture: time of its next packet, its index, its next packet, an iterator over later packets."""
 
 
 class _Input(NamedTuple):
-    """`began` is the time of the first packet, ns since 1970; 0 if not known. `size` is None for a stream."""
+    """A capture. `began` is its first packet's time, ns since 1970, or 0. `size` is None for a stream."""
 
     path: str
     began: int
@@ -65,8 +65,8 @@ class CaptureSequence:
             on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
                 continues with the next capture.
             clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
-                the path. If `clocks` is not None, the captures are read one after another, because a clock's
-                error can exceed the time between two packets.
+                the path. If `clocks` is not None, captures are read one after another and never merged by
+                time, because a clock's error can exceed the time between two packets.
         """
         self.paths = list(paths)
         self.size: int | None = None
@@ -132,7 +132,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield packets in chronological order. `waiting` holds captures' indexes and first times, sorted."""
+        """Yield packets sorted by time. `waiting` holds each capture's index and start time, also sorted."""
         reading: list[_Reading] = []
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):
@@ -183,7 +183,7 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
 
 
 class RunTable:
-    """Converts one numbering to another: packet 1200 of all captures may be packet 200 of the second."""
+    """Maps numbers to sources: packet 1200 of all captures may be packet 200 of the second capture."""
 
     def __init__(self) -> None:
         self._starts = array("Q")
@@ -191,8 +191,8 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Add an entry, or replace the latest entry if it has the same `start`. For example, after `add(1001,
-        1, 1)`, `find(1200)` returns `(1, 200)`.
+        """Add an entry, or replace the latest entry if that entry has the same `start`. For example, after
+        `add(1001, 1, 1)`, `find(1200)` returns `(1, 200)`.
         """
         if len(self._starts) > MAX_RUNS:
             return
@@ -208,7 +208,7 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source, such as the index of a capture, and the number there; None if not known."""
+        """Return the source (such as a capture's index) and the number in this source; None if not known."""
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
             return None

@@ -15,16 +15,16 @@ LARGEST_REPEAT = 64 * 1024
 """Maximum number of repeated bytes that one asterisk line of a dump may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
-"""Maximum number of bytes per block: many frames of real sessions. A longer dump becomes several blocks."""
+"""Maximum number of bytes per block, enough for many frames. A longer dump becomes several blocks."""
 
 MAX_ROWS = 16 * 1024
-"""Maximum number of rows per block. With 16 bytes per row, such a block has the size `LARGEST_BLOCK`."""
+"""Maximum number of rows per block. A block of this many rows of 16 bytes has the size `LARGEST_BLOCK`."""
 
 _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows. After a longer gap, a new block begins."""
 
 _BASES = {7: (16, 10, 8)}
-"""Bases of an offset by its number of digits, else 16. `od` prints seven digits in base 8, 10 or 16."""
+"""Bases in which `od` may print an offset of 7 digits. For other numbers of digits, the base is 16."""
 
 
 class HexBlock:
@@ -75,7 +75,7 @@ class HexBlock:
 
     @property
     def data(self) -> bytes:
-        """The whole bytes of the block, without an incomplete byte at the end."""
+        """The bytes of the block, without a last byte that has only one digit."""
         return bytes.fromhex(self.digits[: 2 * self.size])
 
     def line_numbers(self) -> list[tuple[int, int]]:
@@ -90,7 +90,7 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at a byte offset. Return the rest, to which further rows belong, as a new block.
+        """Cut the block at a byte offset. Return the second part as a new block, for further rows.
 
         If `offset` is 0 or too many rows follow the cut, cut before the last row instead, and add a note.
         """
@@ -116,8 +116,8 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Fill the block up to the next row's `offset`, or remove bytes beyond it: text mistaken for hex.
-        Return False if `offset` does not fit.
+        """Fill the gap before a row at `offset`, or remove the bytes after `offset`, which are text mistaken
+        for hex. Return False if the row cannot continue this block.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -137,15 +137,15 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Convert an offset to a byte position in the block; None if it is not a number in `base`."""
+        """Convert an offset to a byte position in the block; None if the offset is no number in `base`."""
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them, else add a
-        note that they are missing. Return False if the gap is too large.
+        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for the gap.
+        Otherwise, add a note that the bytes are missing. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

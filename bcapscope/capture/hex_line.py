@@ -1,7 +1,7 @@
 """Split one line of pasted text into hex and prose.
 
-The line may come from hexdump, xxd, od, tcpdump, Wireshark, the b-CAP Tester or source code. It may have an
-offset on the left, the bytes as characters on the right, prefixes and commas.
+The line may come from hexdump, xxd, od, tcpdump, Wireshark, the b-CAP Tester or source code. Around the
+bytes, the line may have an offset, the bytes as characters, prefixes and commas.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import msgspec
 
 MIN_HEX_BYTES = 8
 """Minimum number of adjacent bytes that are hex in the middle of prose. Dates, MAC addresses and words such
-as "facade" are shorter. The smallest argument of a frame has ten bytes.
+as "facade" have fewer bytes. The smallest argument of a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
-"""In a longer line, no character column is searched. With 64 bytes per row, a dump has 240 columns."""
+"""Longest line in which a column of characters is searched. A dump of 64 bytes per row has 240 columns."""
 
 
 # The pieces of a line are msgspec structs for speed: every line of a dump creates several pieces.
@@ -85,7 +85,7 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""For each kind of first token, the kinds that may follow. A row's last token can have fewer digits."""
+"""For each kind of first token, the kinds that may follow. The last token of a row can be shorter."""
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4
@@ -122,7 +122,7 @@ def parse_line(line: str) -> list[LinePiece]:
 
 
 def _leading_offset(line: str) -> tuple[str, int]:
-    """Return the offset at the start of a line, and the column after it; "" and 0 if there is none."""
+    """Return the offset that begins a line, and the column after this offset; "" and 0 without offset."""
     match = _OFFSET.match(line)
     following = _TOKEN.search(line, match.end()) if match else None
     if match is None or following is None:
@@ -137,7 +137,7 @@ def _leading_offset(line: str) -> tuple[str, int]:
 
 
 def _dump_row(line: str, start: int) -> list[_Run]:
-    """Return the bytes in a line with an offset. The rest of the line shows them as characters."""
+    """Return the bytes in a line with an offset. The rest of the line shows the same bytes as characters."""
     runs = list(_hex_runs(line, start))[:1]
     if not runs or ":" in line[:start] or runs[0].kind not in (_GROUP, _ROW):
         return runs
@@ -177,7 +177,7 @@ def _classify_word(word: str) -> tuple[str, str]:
 
 
 def _make_run(line: str, group: Sequence[_Run]) -> _Run:
-    """Join tokens to a run, without the bytes as characters that a dump shows at the right end."""
+    """Join tokens into one run. Leave out the characters that a dump shows to the right of the bytes."""
     for index in range(1, len(group) + 1 if len(line) <= LONGEST_ROW else 0):
         stop = group[index].start if index < len(group) else len(line)
         between = line[group[index - 1].stop : stop]

@@ -26,7 +26,9 @@ LARGEST_LIKELY = 64 * 1024
 """Largest plausible value of the length field, in bytes. Frames of real sessions have less than 10 KiB."""
 
 _LONGEST_COMPLETED = 1024
-"""Maximum bytes of a block that ends on a line of words. UDP frames have at most 503 (orin_bcap dn_udp.h)."""
+"""Maximum number of bytes in a block that a line with words can complete. UDP frames have at most 503 bytes
+(orin_bcap dn_udp.h).
+"""
 
 LONGEST_CAPTION = 120
 
@@ -96,7 +98,7 @@ def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
 
 
 class _BlockReader:
-    """Assembles blocks from the hex in successive lines. The next lines may continue the block `last`."""
+    """Assembles blocks from the hex in successive lines. Further lines may continue the block `last`."""
 
     def __init__(self) -> None:
         self.last: HexBlock | None = None
@@ -156,7 +158,7 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle the last bytes of the frame above, or the first of the block below, on a line of words."""
+        """Add bytes from a line with words: the end of the frame above, or the start of the block below."""
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -197,7 +199,7 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the offset of the block's last frame; 0 if there is none or it is too long."""
+    """Return the offset of the last frame; 0 if no frame begins the block, or the last frame is too long."""
     if not _begins_as_frame(block.data):
         return 0
     start = _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
@@ -205,7 +207,7 @@ def _last_frame_start(block: HexBlock) -> int:
 
 
 def _frame_length(data: bytes) -> int | None:
-    """Return the length that the frame at the start of `data` states; None if it is implausible."""
+    """Return the length that the frame at the start of `data` states; None if this length is implausible."""
     length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
     return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
 
@@ -235,7 +237,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 
 
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
-    """A block of one byte may be a page number, so it must complete the frame."""
+    """Return whether `block` continues a frame. A lone byte that completes no frame may be a page number."""
     data = block.data
     if block.is_captioned or block.starts_at_zero or _begins_as_frame(data):
         return False
@@ -244,7 +246,7 @@ def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
 
 
 def _is_bcap_hex(block: HexBlock) -> bool:
-    """Return whether a block holds b-CAP. Many bytes of frames are zero, unlike those of other hex."""
+    """Return whether a block probably holds b-CAP, whose frames contain more zero bytes than other hex."""
     data = block.data
     if block.is_captioned and block.direction is not None:
         return len(data) >= MIN_HEX_BYTES // 2
@@ -276,7 +278,7 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of frames: after a whole frame, or at one of the `rows` that looks like a start."""
+    """Return the offsets of frames: 0, the end of a whole frame, or one of `rows` that looks like a frame."""
     cuts = [0]
     while True:
         start = cuts[-1]

@@ -34,7 +34,7 @@ class _PartialPacket:
         return self._held_bytes + _PART_COST * (len(self._payloads) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
-        """Add a fragment. A contradiction makes the packet invalid (RFC 5722, RFC 8200 4.5)."""
+        """Add a fragment. Contradictory fragments make the packet invalid (RFC 5722, RFC 8200 4.5)."""
         if self._is_contradictory:
             return
         stop = offset + len(payload)
@@ -66,7 +66,7 @@ class _PartialPacket:
 
 
 class IpReassembly:
-    """Reassembles IP packets. `counts.fragments_lost` counts the packets that it drops."""
+    """Reassembles IP packets. `counts.fragments_lost` counts the incomplete packets that this class drops."""
 
     def __init__(self, counts: CaptureCounts) -> None:
         self._counts = counts
@@ -104,7 +104,7 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old or, oldest first, need more memory than `MEMORY_LIMIT`."""
+        """Drop incomplete packets that are too old, and the oldest if memory exceeds `MEMORY_LIMIT`."""
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:

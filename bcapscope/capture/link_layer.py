@@ -40,7 +40,7 @@ _IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
 
 
 class Fragment(NamedTuple):
-    """Position of an IP fragment in bytes. `key` is addresses, identification and, in IPv4, protocol."""
+    """Position of an IP fragment in bytes. `key` holds addresses, identification and, in IPv4, protocol."""
 
     key: bytes
     offset: int
@@ -48,7 +48,8 @@ class Fragment(NamedTuple):
 
 
 class IPPacket(NamedTuple):
-    """Payload and header fields of an IP packet. `addresses` is source and destination, 4 or 16 bytes each.
+    """Payload and header fields of an IP packet. `addresses` holds source and destination, 4 or 16 bytes
+    each.
 
     Attributes:
         protocol: Number of the transport protocol, 17 for UDP, 6 for TCP.
@@ -107,7 +108,7 @@ def _ppp(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """Skip the address family, in the capturing machine's byte order or network order (LINKTYPE_LOOP)."""
+    """Skip the address family. Its byte order is the capturing machine's, or big-endian for LINKTYPE_LOOP."""
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
 

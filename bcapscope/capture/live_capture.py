@@ -37,11 +37,11 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`, or raise CaptureError.
+    """Start a capture on the interface `name`, such as `eth0` or `ANY_INTERFACE`. Raises CaptureError.
 
     Iterate over the capture to get packets as they arrive; the iteration raises CaptureError if the capture
-    fails. Leaving the capture's context ends it. `lost` is the number of packets that the system dropped for
-    lack of buffer space. `on_idle` is called when no packet arrived during `READ_TIMEOUT`.
+    fails. The end of the `with` block ends the capture. `lost` is the number of packets that Linux dropped
+    for lack of buffer space. `on_idle` is called when no packet arrived during `READ_TIMEOUT`.
     """
     known = [known for _, known in socket.if_nameindex()]
     if name not in known and (name != ANY_INTERFACE or sys.platform != "linux"):

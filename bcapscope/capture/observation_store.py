@@ -36,7 +36,7 @@ _FRAMES, _CONVERSATIONS = "frames", "conversations"
 class _FrameRecord(msgspec.Struct, array_like=True):
     """Stored form of an observation. Text is stored as bytes (see `encode_text`). `function_id` is None if
     the kind of the call is unknown. `missing` is None for a frame. `problems` holds the offset, code and
-    reason of problems that cannot be found again in `raw`.
+    reason of each problem that a reader does not detect again from `raw`.
     """
 
     time: int
@@ -173,7 +173,7 @@ class ObservationStore:
         return AnnotatedFrame(observation, kind, comments)
 
     def time_of(self, number: int) -> int:
-        """Return an arrival time, ns since 1970. Raises IndexError if there is no such observation."""
+        """Return the arrival time of an observation, ns since 1970, or raise IndexError."""
         return _frame_decoder.decode(self._records.read_record(number - 1)).time
 
     def _flows_of(self, number: int) -> tuple[Flow, Flow]:

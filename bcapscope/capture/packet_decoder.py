@@ -22,13 +22,13 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 CONVERSATIONS_LIMIT = 10_000
-"""Maximum number of conversations in `PacketDecoder.conversations`, because of forged addresses."""
+"""Maximum size of `PacketDecoder.conversations`. A limit is necessary, because addresses can be forged."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets with kept comments, which are used only shortly after decoding."""
+"""Maximum number of packets whose comments are kept. Comments are used only shortly after decoding."""
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Maximum size of all kept comments in bytes, except the comments of the latest packet."""
+"""Maximum size of all kept comments in bytes. The comments of the latest packet are always kept."""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
@@ -43,7 +43,7 @@ _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
 class PacketComments(dict[int, tuple[str, ...]]):
-    """Comments of the latest packets that have comments; the key is the packet number."""
+    """Comments of packets; the key is the packet number. The oldest comments are dropped."""
 
     _size = 0
 
@@ -59,8 +59,8 @@ class PacketDecoder:
 
     Attributes:
         counts: Numbers of packets and observations so far.
-        note_packet: Receives a frame number and the number of the frame's packet. The call may be missing for
-            a frame whose packet directly follows the previous frame's packet.
+        note_packet: Receives a frame number and the number of the frame's packet. A frame may be left out if
+            its packet directly follows the previous frame's packet.
         end_time: Latest capture time of all packets of any protocol, ns since 1970; 0 before the first.
     """
 
@@ -88,8 +88,8 @@ class PacketDecoder:
         """Yield an observation for each frame, for each run of bytes that are not a frame, and for each gap.
 
         The observations of a conversation are held back while its controller is unknown. If `decode` is
-        called again, the observation numbers continue. Raises CaptureError after all observations before the
-        damage.
+        called again, the observation numbers continue. Raises CaptureError if the capture is damaged, but
+        only after all observations before the damage.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time

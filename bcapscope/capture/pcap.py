@@ -28,8 +28,8 @@ _LINKTYPE = 0x03FFFFFF  # higher bits hold the length of a frame check sequence 
 
 
 def read_pcap(source: ByteSource) -> Iterator[Packet]:
-    """Yield the packets of a capture that begins with one of `MAGICS`. Raises CaptureError after all packets
-    before an incomplete record, or one of more than `RECORD_LIMIT` bytes.
+    """Yield the packets of a capture that begins with one of `MAGICS`. Raises CaptureError if a packet is
+    incomplete or has more than `RECORD_LIMIT` bytes.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(Message("capture.cut-header", length=len(source.data)), 0)

@@ -19,13 +19,13 @@ BLOCK_LIMIT = 16 * 1024 * 1024
 """Largest block in bytes, as in libpcap (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
 
 INTERFACES_LIMIT = 65536
-"""Maximum number of interfaces per section: the obsolete packet block has a 16-bit field for it."""
+"""Maximum number of interfaces per section. The obsolete packet block numbers interfaces with 16 bits."""
 
 LONGEST_NAME = 128
 """At most this many characters of an interface's name are kept."""
 
 COMMENTS_SIZE = 65_535
-"""Maximum total size in bytes of a packet's comments, which is also the longest option of pcapng."""
+"""Maximum total size of a packet's comments in bytes. A pcapng option has the same maximum size."""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
@@ -48,7 +48,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
     A simple packet block has no time, so its packet gets the time of the previous packet. Raises CaptureError
-    after all packets before a damaged or incomplete block.
+    if a block is damaged or incomplete.
     """
     section = _Section()
     position = count = time = 0

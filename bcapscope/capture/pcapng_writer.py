@@ -40,7 +40,7 @@ class PcapngWriter:
         write_all(file, _block(_SECTION_BLOCK, _SECTION))
 
     def write(self, packet: Packet) -> None:
-        """Write a packet. Each comment is cut to 65,535 bytes. Raises OSError, such as on a full disk."""
+        """Write a packet. Each comment is cut to 65,535 bytes. Raises OSError if the disk is full."""
         time, data, original, interface, comments = packet
         number = self._interfaces.get(interface)
         if number is None:
@@ -53,7 +53,7 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the blocks of `count` packets that functions of `pair_encoder` returned, or raise OSError."""
+        """Write `count` packets, whose `blocks` come from functions of `pair_encoder`. Raises OSError."""
         self.packet_count += count
         write_all(self._file, blocks)
 
@@ -62,8 +62,8 @@ class PcapngWriter:
     ) -> PacketPairEncoder:
         """Return a function that makes the blocks of two packets in one step, in half the time of two steps.
 
-        `first` and `second` are the packets' interfaces and headers. The `size` bytes of data after the
-        headers are the same in both packets.
+        `first` and `second` each hold the interface and the headers of a packet. The `size` bytes of data
+        after the headers are the same in both packets.
 
         Raises:
             OSError: The description of a new interface cannot be written.
@@ -92,7 +92,7 @@ class PcapngWriter:
         return make
 
     def _constant_parts(self, interface: Interface, head: bytes, size: int) -> tuple[bytes, bytes, bytes]:
-        """Return the parts of a packet block before the packet's time, between time and data, and after the
+        """Return three parts of a packet block: before the packet's time, between time and data, after the
         data.
         """
         number = self._interfaces.get(interface)

@@ -22,10 +22,10 @@ from bcapscope.traffic.observation import Conversation, Observation
 class PlaceDecoder:
     """Turns the packets of several captures into observations, in chronological order.
 
-    If two captures hold the same conversation, the conversation gets a `capture_side` in each capture; a
-    `Joiner` joins its observations. Times from the controller's side are converted to the clock at the
-    client's side. Packets are numbered over all files: first the client's side, then the controller's side,
-    then all other files.
+    If two captures hold the same conversation, the conversation gets a `capture_side` in each capture. A
+    `Joiner` then joins the observations. Times from the controller's side are converted to the clock at the
+    client's side. Packets are numbered over all files. Of captures that share a conversation, the client's
+    side comes first. All other files come last.
 
     Attributes:
         note_packet: Receives frame and packet numbers, as in `PacketDecoder`.
@@ -137,8 +137,8 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return the sides of all shared conversations: first by the ends that the client's side saw, then by the
-    ends that the controller's side saw.
+    """For each side, return a `CaptureSide` for each shared conversation. The key is the pair of addresses
+    that this side captured.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

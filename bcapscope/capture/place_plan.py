@@ -32,7 +32,7 @@ SAMPLE_PACKETS = 20_000
 """Maximum number of packets, of all protocols, to compare per file."""
 
 MAX_FILES = 100
-"""Maximum number of files to compare. Comparing more files would take too long."""
+"""Maximum number of files to compare. If there are more files, none are compared, to save time."""
 
 FEWEST_JOINED = 2
 """A conversation in two files is joined only if both files hold at least this many equal frames."""
@@ -67,8 +67,8 @@ class PlacePlan:
 def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]:
     """Find pairs of files that hold the same conversation. Each file belongs to at most one pair.
 
-    Files that cannot be read are ignored here; decoding them reports the error. Pipes are ignored, because
-    they can be read only once.
+    Files that cannot be read are ignored here, because the decoder reports them later. Pipes are ignored,
+    because they can be read only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}
@@ -85,7 +85,7 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
 
 class _Sample:
-    """Frames from the first packets of a file, without packets before the time `begin`."""
+    """The first frames of a file at or after the time `begin`."""
 
     def __init__(self, path: str, ports: Collection[int], begin: int = 0) -> None:
         self.path = path
@@ -140,8 +140,8 @@ def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
 
 def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client. A capture nearer to the client
-    sees requests earlier and replies later. The clocks may differ, so only the difference of the two offsets
-    counts.
+    sees requests earlier and replies later. The clocks may differ, so only the difference between the request
+    offset and the reply offset counts.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -168,8 +168,8 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation with at most one of the other file. Prefer the same addresses and ports,
-        then many equal frames.
+        """Pair each conversation with at most one conversation of the other file. Prefer pairs with the same
+        addresses and ports, then pairs with many equal frames.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):

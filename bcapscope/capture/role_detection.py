@@ -1,4 +1,4 @@
-"""Detect the controller of a conversation. No field names it, but ports and content usually show it."""
+"""Detect the controller of a conversation. Usually, ports or content show the controller."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
 
 
 HELD_ITEMS_LIMIT = 64
-"""Number of held items after which the controller is guessed. In real traffic, one request is enough."""
+"""Number of held items after which the controller is guessed. One real request shows the controller."""
 
 HELD_BYTES_LIMIT = 16 * 1024
 """Number of held bytes after which bcapscope guesses the controller. Frames of real sessions have less than
@@ -63,8 +63,8 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEviden
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Return whether the arguments fit the function. Code 1 without argument may be a reply with S_FALSE
-    instead of Service_Start, so it does not count.
+    """Return whether the arguments fit the function; False for code 1 without argument, which may be a reply
+    with S_FALSE instead of Service_Start.
     """
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
@@ -99,7 +99,7 @@ def is_whole_frames(data: bytes) -> bool:
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return both ends of a key of source address, destination address, source port and destination port."""
+    """Return the source and the destination of a key, which holds both addresses and then both ports."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -168,7 +168,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items`. Return False if it proves that the traffic is not b-CAP."""
+        """Hold an item until `release_items`. Return False if the traffic cannot be b-CAP."""
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False

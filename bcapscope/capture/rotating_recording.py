@@ -40,8 +40,8 @@ class RotationLimits:
 
     Attributes:
         files: Maximum number of files in the ring.
-        size: Maximum size of a file in bytes; 0 for no limit.
-        seconds: Maximum duration of a file in s, counted from its first packet; 0 for no limit.
+        size: Size in bytes at which a file is full; 0 for no limit.
+        seconds: Time in s from a file's first packet until the file is full; 0 for no limit.
     """
 
     files: int
@@ -85,7 +85,7 @@ class RotatingRecording:
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file, or raise OSError. Without `limits`, it is the only file.
+        """Create the first file, or raise OSError. Without `limits`, the recording has only this file.
 
         `path` must not exist yet, or must be a named pipe that another program reads. The names of a ring's
         files contain the number of the file, and the date and time at which the file began.
@@ -136,7 +136,7 @@ class RotatingRecording:
 
     def _try_write(self, data: bytes) -> bool:
         """Write all of `data`. If the disk is full, write nothing, remove the ring's oldest file and return
-        False. Raise OSError if no file can be removed.
+        False. Raise OSError if writing fails for another reason, or if no file can be removed.
         """
         try:
             write_all(self._file, data)
@@ -234,8 +234,8 @@ class RotatingRecording:
 
 
 def is_named_pipe(path: Path) -> bool:
-    """Return whether `path` is a named pipe. Only the text of `path` is checked on Windows, where `stat`
-    would open the pipe, and Wireshark's pipe can be opened only once.
+    """Return whether `path` is a named pipe. On Windows, only the text of `path` is checked: `stat` would
+    open the pipe, and Wireshark's pipe can be opened only once.
     """
     if sys.platform == "win32":
         return str(path).startswith("\\\\.\\pipe\\")

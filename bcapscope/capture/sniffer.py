@@ -24,8 +24,8 @@ RECORD_HEADER = struct.Struct("<BqI")
 """
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that a read waits. bcapscope then handles Ctrl-C; the sniffer writes `ALIVE`, which fails
-if bcapscope has ended.
+"""Maximum time in s that a read waits. After this time, bcapscope handles Ctrl-C, and the sniffer writes
+`ALIVE`. This write fails if bcapscope has ended.
 """
 
 
@@ -40,7 +40,7 @@ class SnifferRecordKind(IntEnum):
 
 
 def captured_packets(scapy_socket: Any) -> Iterator[tuple[int, bytes] | None]:
-    """Yield time (ns since 1970) and bytes of each packet; None after a `READ_TIMEOUT` without packet."""
+    """Yield time (ns since 1970) and bytes of each packet. Yield None if no packet came in `READ_TIMEOUT`."""
     while True:
         if not scapy_socket.select([scapy_socket], READ_TIMEOUT):
             yield None

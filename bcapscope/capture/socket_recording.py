@@ -1,7 +1,7 @@
 """Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools can read.
 
-The headers are artificial, with the real addresses and ports, because a socket shows none. Each TCP segment
-holds the bytes of one send or receive. Acknowledgements are not recorded.
+A socket shows no headers, so the headers are artificial. Addresses and ports are real. Each TCP segment holds
+the bytes of one send or receive. Acknowledgements are not recorded.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class SocketRecording:
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
         """Return a function that encodes a datagram of `size` bytes as two packets, one for each of two hops.
 
-        `write_blocks` writes the encoded packets. The function is invalid after `continue_in`.
+        `write_blocks` writes the encoded packets. Do not call the returned function after `continue_in`.
         """
         first, second = (
             (where, _datagram_header(source, target, size)) for source, target, where in (incoming, outgoing)
@@ -84,7 +84,7 @@ class SocketRecording:
         return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write datagrams that functions of `datagram_pair_encoder` encoded, each as two packets."""
+        """Write `blocks`, which functions of `datagram_pair_encoder` returned for `pairs` datagrams."""
         self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(
@@ -175,5 +175,5 @@ def _addresses_and_sum(source: str, target: str) -> tuple[bytes, int]:
 
 
 def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:
-    """Return 16 bytes; an IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
+    """Return an address as 16 bytes. An IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
     return address.packed if address.version == 6 else bytes(10) + b"\xff\xff" + address.packed

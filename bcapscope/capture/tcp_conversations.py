@@ -22,15 +22,15 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Maximum number of TCP connections at a time. Beyond it, the connection idle longest is given up."""
+"""Maximum number of TCP connections at a time. If there are more, the connection idle longest is dropped."""
 
 
 _HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 
 
 class _TrackedConnection:
-    """A TCP connection and its conversation. The first of the `keys` belongs to sender 0; it is the only one
-    if both ends are the same, as in a forged packet.
+    """A TCP connection and its conversation. `keys` holds the key of each sender, or only one key if both
+    ends are the same, as in a forged packet.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
@@ -46,8 +46,8 @@ class TcpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """An end whose port is in `ports` is a controller. `contradictions` and `not_bcap` in `counts` are
-        updated.
+        """An end whose port is in `ports` is a controller. This class updates `contradictions` and `not_bcap`
+        in `counts`.
         """
         self._ports = ports
         self._counts = counts
@@ -59,7 +59,7 @@ class TcpConversations:
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a TCP segment, and return each item that now has a flow. `key` is source address,
+        """Accept a TCP segment, and return each item that now has a flow. `key` holds source address,
         destination address, source port and destination port, as in the packet.
         """
         known = self._connections.get(key)
@@ -169,7 +169,7 @@ def _recognise_bcap(
     tracked: _TrackedConnection, sender: int, segment: TcpSegment
 ) -> UndecidedConversation | None:
     """Return a conversation if a segment between unknown ports looks like b-CAP. The first segment must begin
-    like a frame, a later one with a whole, undamaged frame.
+    like a frame. A later segment must begin with a whole, undamaged frame.
     """
     if not may_begin_frame(segment.data):
         return None

@@ -23,7 +23,7 @@ REORDER_LIMIT = 1024 * 1024
 """
 
 ACK_LIMIT = 1 << 30
-"""An acknowledgement further ahead, in bytes, is ignored: no TCP window is larger (RFC 7323, 2.3)."""
+"""Largest TCP window in bytes (RFC 7323, 2.3). An acknowledgement further ahead is ignored."""
 
 MARKS_LIMIT = 128
 """Maximum number of separate arrival times per incomplete frame; 25 MB for all streams together."""
@@ -86,7 +86,7 @@ class TcpStream:
 
     Attributes:
         begun: Whether the first sequence number of the stream is known.
-        closed: Whether the stream has ended; later bytes are retransmissions, or of another connection.
+        closed: Whether the stream has ended; later bytes are retransmissions or belong to another connection.
         contradictions: Number of retransmissions whose content differs; the first transmission is kept.
     """
 
@@ -103,7 +103,7 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start at the first captured byte, which is the first byte sent if `from_start` is True."""
+        """Start with the first captured byte. `from_start` means that the sender sent no byte before it."""
         self.begun = True
         self._first_seq = seq
         self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
@@ -122,7 +122,7 @@ class TcpStream:
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
         """Fast path: accept a segment that comes next in the stream and holds exactly one frame.
 
-        Call this only while `is_waiting` is False. After None, the stream is unchanged; call `receive`.
+        Call this only while `is_waiting` is False. If this method returns None, call `receive`.
         """
         _, seq, _, data, _ = segment
         if (
@@ -210,7 +210,7 @@ class TcpStream:
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Merge each pair of adjacent arrival marks, except the first, into one mark with the later time.
+        """Keep the first arrival mark. Merge the other marks in pairs; each pair keeps the later time.
 
         The first and the last mark give the times of a long frame. The marks in between matter only if a
         wrong length field made several frames look like one.
@@ -284,7 +284,7 @@ class TcpStream:
                 return
 
     def _with_times(self, pieces: list[StreamPiece], time: int, packet: int) -> list[TimedItem]:
-        """Give each frame the times of its segments, and each gap the time at which it was detected."""
+        """Give each frame the times of its segments, and each gap the time at which the gap was detected."""
         found = []
         marks = self._marks
         for start, stop, item in pieces:
@@ -305,7 +305,7 @@ class TcpStream:
 
 
 class TcpConnection:
-    """Both directions of a TCP connection. `server` is the end that accepted it; None if it is unknown."""
+    """Both directions of a TCP connection. `server` is the end that accepted the connection, if known."""
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
@@ -321,9 +321,9 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Fast path for segments in order that hold one frame or no data, which are nearly all.
+        """Fast path for most segments: segments in order that hold one frame or no data.
 
-        After None, the connection is unchanged; call `receive` with the same segment.
+        If this method returns None, call `receive` with the same segment.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:

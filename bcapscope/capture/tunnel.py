@@ -9,8 +9,7 @@ from __future__ import annotations
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, IPPacket, find_ip, read_ip
 
 DEEPEST_TUNNEL = 8
-"""Maximum number of nested tunnels. Mirrored traffic has one or two; a hostile packet could have thousands.
-"""
+"""Maximum number of nested tunnels. A hostile packet could have thousands of tunnels."""
 
 _IPV4_IN_IP, _UDP, _IPV6_IN_IP, _GRE = 4, 17, 41, 47
 
@@ -20,7 +19,7 @@ _BRIDGED_ETHERNET, _ERSPAN, _ERSPAN_3 = 0x6558, 0x88BE, 0x22EB
 _ERSPAN_2_SIZE, _ERSPAN_3_SIZE, _ERSPAN_PLATFORM_SIZE = 8, 12, 8
 _ERSPAN_3_IP = 2
 
-_VXLAN_PORTS = frozenset({4789, 8472})  # assigned by IANA; older default of Linux
+_VXLAN_PORTS = frozenset({4789, 8472})  # IANA assigned 4789; 8472 is the older default of Linux
 
 _VXLAN_FLAG = 0x08
 """Flag in the first byte: the network identifier is valid. Extensions of VXLAN define the other flags."""
@@ -29,7 +28,7 @@ _UDP_HEADER_SIZE, _VXLAN_SIZE = 8, 8
 
 
 def packet_in_tunnel(packet: IPPacket) -> IPPacket | None:
-    """Return the inner IP packet of `packet`, which must not be a fragment; None if there is none."""
+    """Return the IP packet inside `packet`, which must not be a fragment; None if `packet` is no tunnel."""
     payload = packet.payload
     if packet.protocol == _UDP:
         return _in_vxlan(payload)

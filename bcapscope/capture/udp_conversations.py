@@ -23,13 +23,14 @@ C/src/bCAPServer/bcap_server.c). A client that returns after its flow was droppe
 """
 
 UNDECIDED_LIMIT = 1024
-"""Maximum number of conversations with unknown controller. Beyond it, the oldest one's controller is guessed.
+"""Maximum number of conversations with unknown controller. If there are more, bcapscope guesses the
+controller of the oldest conversation.
 """
 
 
 class UdpConversations:
-    """All UDP conversations of a capture. The keys of `flows` are source address, destination address, source
-    port and destination port, as in a packet.
+    """All UDP conversations of a capture. Each key of `flows` holds source address, destination address,
+    source port and destination port, as in a packet.
     """
 
     def __init__(
@@ -45,11 +46,10 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, arrival: tuple[int, int, int], note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a UDP datagram with its 8-byte header. Return its items and the held items that now have a
-        flow.
+        """Accept a UDP datagram with its 8-byte header. Return all new and held items that now have a flow.
 
-        `arrival` is `began`, `time` and `packet` of a `TimedItem`. `note` is the reason why the datagram is
-        incomplete; None for a whole datagram.
+        `arrival` holds the values `began`, `time` and `packet` for each `TimedItem`. `note` is the reason why
+        the datagram is incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]

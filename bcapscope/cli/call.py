@@ -210,7 +210,7 @@ class _CallRunner:
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. `values` are its arguments, without the handle if `opens_object` is True."""
+    """A call to make. `values` holds the arguments, without the handle if `opens_object` is True."""
 
     function: Function
     values: tuple[Variant, ...]
@@ -277,7 +277,7 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Raise click.UsageError if a call needs an object that is neither named nor opened earlier."""
+    """Raise click.UsageError if a call needs an object that no option names and no earlier call opens."""
     always = {*_NAMELESS_OWNERS, *named}
     known = set(always)
     for request in requests:

@@ -172,7 +172,7 @@ class _ShownCalls(PipelineSubscriber):
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print numbers of stray replies and packets captured twice, and the unclean sessions."""
+        """Print how many stray replies and repeated packets were captured, and list unclean sessions."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=FramePlace((self._first_stray,))))

@@ -160,7 +160,7 @@ def _citing(
     render: Callable[[Observation, CallKind | None, tuple[str, ...]], T],
     cite: Callable[[T, PacketOrigin], T],
 ) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
-    """With several captures, return `render` with its result passed to `cite`, which adds the origin."""
+    """Return `render`. With several captures, `cite` adds the origin of the frame to each result."""
     if len(reader.captures.paths) < 2:
         return render
 
@@ -185,7 +185,7 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Yield `render(frame, kind of its call, comments on its packet)` for each selected frame."""
+    """Yield the result of `render` for each selected frame, its kind of call, and its packet's comments."""
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
     about, comments = RecentRequests().kind_of, reader.comments

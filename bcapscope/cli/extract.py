@@ -144,7 +144,7 @@ class _TrajectoryFile:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The files of all sessions, which get their names at the end: a single file gets no number."""
+    """The files of all sessions. Files get their names at the end, because a single file gets no number."""
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()

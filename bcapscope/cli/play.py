@@ -187,7 +187,7 @@ def command(
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Exit if a set point violates --limit, before other limits are known from the controller."""
+    """Exit if a set point violates --limit. The limits of the controller are not known yet."""
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )

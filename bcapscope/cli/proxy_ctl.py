@@ -29,7 +29,7 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Line breaks before indented lines of an error message, which quote a rule and mark the error."""
+"""Line breaks before the indented lines of an error message. These lines quote a rule and mark the error."""
 
 _NAME = click.argument("name")
 _NUMBER = click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))

@@ -143,7 +143,7 @@ def _check_source_options(
 
 
 def _choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and its processes: --lang, or the language in the settings."""
+    """Set the language of the screen and its processes. --lang takes precedence over the settings."""
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 

@@ -19,8 +19,8 @@ def is_out_of_descriptors(error: OSError) -> bool:
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Return whether a descriptor is readable within `seconds`, without opening one. `poll` allows
-    descriptors beyond the limit of `select`.
+    """Return whether a descriptor becomes readable within `seconds`, without opening another descriptor.
+    `poll` allows descriptors beyond the limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -32,9 +32,9 @@ def wait_readable(descriptor: int, seconds: float) -> bool:
 def accept_connection(
     listener: socket.socket, free_descriptor: Callable[[], bool]
 ) -> tuple[socket.socket, Any] | None:
-    """Accept a connection; None if no connection is pending. Raises OSError if none can be accepted now.
+    """Accept a connection; None if no connection is pending. Raises OSError if accepting fails.
 
-    If no file descriptor is free, `free_descriptor` closes one, or returns False if it cannot.
+    If no file descriptor is free, `free_descriptor` closes a descriptor; it returns False if it closed none.
     """
     while True:
         try:

@@ -32,7 +32,7 @@ def source_network(host: str) -> str:
 
 @dataclass(eq=False)
 class _PendingConnection:
-    """`first_byte_at` is the time in ns when the first byte arrived; 0 until then."""
+    """`first_byte_at` is the time in ns when the first byte arrived; 0 before."""
 
     source: str
     data: bytearray = field(default_factory=bytearray)
@@ -53,8 +53,8 @@ class FirstFrameQueue(Generic[Key]):
     def add(self, key: Key, host: str) -> Key | None:
         """Add a connection. If there is no room, return the connection that the caller must drop.
 
-        This is the oldest connection of the source network with the most connections. The number of bytes
-        sent does not count, because a normal client may have sent none yet.
+        The caller drops the oldest connection of the source network with the most connections. The number of
+        bytes received does not count, because a normal client may not have sent any bytes yet.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))

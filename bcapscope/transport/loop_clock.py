@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 
 class LoopClock:
-    """Times in ns: `now` and `call_at` use the loop's monotonic clock."""
+    """A clock in ns. `now` and `call_at` use the monotonic clock of the event loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop

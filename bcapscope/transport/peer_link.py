@@ -36,7 +36,7 @@ class Link(Protocol):
     def peer(self) -> Address: ...
 
     def send(self, data: bytes) -> None:
-        """Send data without waiting. Raises OSError only if no `LinkReceiver` could receive the error."""
+        """Send data without waiting. Raises OSError only if the link has no `LinkReceiver`."""
 
     def close(self) -> None:
         """Close the link; a second call does nothing."""

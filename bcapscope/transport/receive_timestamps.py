@@ -1,4 +1,4 @@
-"""Receive times that the kernel measures. Delays in this process do not change them."""
+"""Receive times that the kernel measures. Delays in this process do not change these times."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _receive_without_ancillary(
 
 
 def kernel_timestamp(ancillary: AncillaryData, now: int) -> int:
-    """Return the reported receive time, ns since 1970; else `now`, or the current time if `now` is 0."""
+    """Return the kernel's receive time, else a nonzero `now`, else the current time; all in ns since 1970."""
     if not ancillary or len(ancillary[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()
     seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2])

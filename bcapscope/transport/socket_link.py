@@ -97,7 +97,7 @@ def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
 
 
 class UdpLink(SocketLink, asyncio.DatagramProtocol):
-    """A connected UDP socket: the system drops datagrams of others, and reports a closed port."""
+    """A connected UDP socket: the system drops datagrams of other senders, and reports a closed port."""
 
     datagrams = True
 

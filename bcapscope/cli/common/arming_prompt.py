@@ -18,7 +18,7 @@ from bcapscope.render.escape import printable
 
 @contextmanager
 def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[ArmedCallLogger]:
-    """Write the armed calls of a connection to the action log. If this fails, warn and continue."""
+    """Write the armed calls of a connection to the action log. If writing fails, warn and continue."""
     log = ActionLog(default_folder(), program, _warn_log_unwritable)
     calls = ArmedCallLogger(log, connection)
     try:

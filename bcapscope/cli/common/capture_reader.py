@@ -56,8 +56,8 @@ class CaptureReader(CaptureInput):
     """The input of a command. Several captures, such as the files of a ring, are read as one.
 
     Attributes:
-        on_idle: Called several times per second while a live capture delivers no frames, with the time up to
-            which all packets were read, ns since 1970.
+        on_idle: Called several times per second during a live capture, with the time up to which all packets
+            were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
     """
 
@@ -75,8 +75,8 @@ class CaptureReader(CaptureInput):
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `comment_words` formats the comments on pasted frames. Raises click.UsageError unless one input is
-        given.
+        `comment_words` formats the comments on pasted frames. Raises click.UsageError unless exactly one kind
+        of input is given.
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("give captures or '-' (standard input), or give an interface with -i")
@@ -99,7 +99,7 @@ class CaptureReader(CaptureInput):
         super().__init__(paths, ports, self._add_problem, side=side, taken_at=taken_at)
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input. `print_summary` prints why a capture was not read to its end."""
+        """Yield all observations of the input. `print_summary` prints why reading a capture failed."""
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -122,13 +122,13 @@ class CaptureReader(CaptureInput):
         return self.read_items(self.pipeline(collector), collector.calls)
 
     def call_test(self, wanted: Filter | None) -> Callable[[Call], bool] | None:
-        """Return a function that tests calls with the filter; None without filter. See `record_test`."""
+        """Return a function that tests calls with the filter; None without a filter. See `record_test`."""
         return None if wanted is None else self.record_test(wanted, CALL_GETTERS, lambda call: call.number)
 
     def record_test(
         self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records, numbered from 1. `print_summary` reports if none matches."""
+        """Return a function that tests records. `print_summary` reports if none matches."""
         self._filter = wanted
         test = wanted.bind(getters, lambda: self.first_time)
 
@@ -141,7 +141,7 @@ class CaptureReader(CaptureInput):
         return counted
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter of messages. With several captures, it names a frame's capture and packet."""
+        """Return the formatter of messages. With several captures, messages name a frame's capture."""
         return self._words if len(self.captures.paths) < 2 else self._words.for_captures(self._find_frame)
 
     def _find_frame(self, frame: int) -> tuple[str, int] | None:

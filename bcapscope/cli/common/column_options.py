@@ -38,7 +38,7 @@ wide_option = click.option(
 def column_renderer(
     kind: RecordKind, reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
 ) -> ColumnRenderer:
-    """Return a renderer of columns. Its records are calls or `AnnotatedFrame` objects."""
+    """Return a renderer that shows calls or `AnnotatedFrame` objects in columns."""
     is_frame = kind is RecordKind.FRAME
     getters: Mapping[str, Callable[[Any], object]] = FRAME_GETTERS if is_frame else CALL_GETTERS
     first_frame = attrgetter("observation" if is_frame else "request")

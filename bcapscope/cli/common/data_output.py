@@ -89,6 +89,6 @@ def line_width(wide: bool) -> int | None:
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
-    """Fold the lines at the width of the terminal, unless stdout is no terminal or `wide` is True."""
+    """Fold the lines at the width of the terminal if stdout is a terminal and `wide` is False."""
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)

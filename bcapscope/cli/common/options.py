@@ -80,8 +80,8 @@ def added(decorators: Sequence[Decorator]) -> Decorator:
 def bundled(
     parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
-    """Return a decorator that adds options to a command. The command gets `make(**options)` as its argument
-    `parameter`. The options' `names` are by default the parameters of `make`.
+    """Return a decorator that adds options to a command. The command gets the result of `make(**options)` as
+    its argument `parameter`. `names` are the names of the options; the default is the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 

@@ -17,7 +17,7 @@ force_option = click.option("--force", is_flag=True, help="Overwrite existing fi
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Raise FileWriteError if no file may be created here. `overwrite` is None without `--force`."""
+    """Raise FileWriteError if `path` may not be written. `overwrite` is None without an option `--force`."""
     is_there = os.path.exists(path)  # `Path.exists` would raise an exception for a name that is too long
     if is_there and not path.is_file():
         raise FileWriteError(path, Message("file.not-regular"))
@@ -48,7 +48,7 @@ class AtomicFile:
             raise FileWriteError(self._path, os_reason(error)) from None
 
     def commit(self, path: Path | None = None, overwrite: bool = False) -> None:
-        """Rename the file to its final name, or to `path` in the same folder, or raise FileWriteError."""
+        """Rename the file to its final name, or to `path` in the same folder. Raises FileWriteError."""
         path = self._path if path is None else path
         check_output_path(path, overwrite)
         try:

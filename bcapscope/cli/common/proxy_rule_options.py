@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the rule options; None for the proxy's default. `faults` begins with those of the command
-    line. `command_line` repeats the options, without --control, for another process.
+    """The values of the rule options; None selects the proxy's default. `faults` begins with the faults of
+    the command line. `command_line` repeats all typed options except --control, for another process.
     """
 
     seed: int
@@ -58,7 +58,7 @@ class RuleOptions:
         return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules; None if the options define none. The delay `after` of faults begins now."""
+        """Create the rules; None if the options define none. The delay `after` of faults counts from now."""
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
             return None
@@ -79,7 +79,7 @@ class RuleOptions:
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
         """Report messages of rules and scripts through `relay.notify`. With --control, return the control
-        server, whose clients can also read `state`, or raise ControlError.
+        server, or raise ControlError. Clients of this server can also read `state`.
         """
         from bcapscope.proxy.control_api import ControlApi
         from bcapscope.proxy.control_messages import RelayDelays
@@ -309,4 +309,4 @@ _OPTIONS = (
 _NAMES = ("rule_files", *(each.name for each in fields(RuleOptions)))
 
 rule_options = options.bundled("rules", _make_rule_options, _OPTIONS, _NAMES)
-"""Adds the rule options, as one argument `rules`: `RuleOptions`."""
+"""Adds the rule options. The command gets the argument `rules` of type `RuleOptions`."""

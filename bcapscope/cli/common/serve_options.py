@@ -37,7 +37,7 @@ class ServeOptions:
 
 
 def run_app(*screens: ScreenEntry) -> None:
-    """Run the app until the user quits. Raises click.UsageError if there is neither terminal nor browser."""
+    """Run the app until the user quits. Raises click.UsageError if there is no terminal and no browser."""
     from bcapscope.tui.app import BcapApp
 
     streams = (sys.__stdin__, sys.__stderr__)
@@ -51,7 +51,7 @@ def run_app(*screens: ScreenEntry) -> None:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command and returns here immediately.
+    Each browser page gets its own process, which runs the same command. There, this function does nothing.
     """
     if _DRIVER in os.environ:
         return
@@ -134,4 +134,4 @@ def _make_serve_options(serve: bool, serve_at: Endpoint, viewers: int) -> ServeO
 
 
 serve_options = bundled("serve", _make_serve_options, _OPTIONS)
-"""Adds the serve options, as one argument `serve`: `ServeOptions`."""
+"""Adds the serve options. The command gets the argument `serve` of type `ServeOptions`."""

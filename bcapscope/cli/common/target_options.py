@@ -111,13 +111,13 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Adds the argument HOST and the connection options, as one argument `target`."""
+"""Adds HOST and the connection options. The command gets all of them as one argument `target`."""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
     "Connect to this port of the controller; with --as server, listen on this port.",
 )
-"""Like `target_options`, but HOST may be missing; `target.host` is then empty."""
+"""Like `target_options`, but users may leave out HOST; `target.host` is then empty."""
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:

@@ -22,7 +22,7 @@ from bcapscope.render.preflight_text import trajectory_line
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """The trajectory to play. Intervals are in ms. If `rounds` is 0, `play` repeats it until stopped."""
+    """The trajectory to play. Intervals are in ms. If `rounds` is 0, the motion repeats until stopped."""
 
     file: Path
     index: int | None
@@ -119,4 +119,4 @@ _OPTIONS = (
 )
 
 trajectory_options = options.bundled("motion", TrajectoryOptions, _OPTIONS)
-"""Adds the argument FILE and the trajectory options, as one parameter `motion`: `TrajectoryOptions`."""
+"""Adds FILE and the trajectory options. The command gets the argument `motion`, a `TrajectoryOptions`."""

@@ -1,6 +1,6 @@
 """What ``bcapscope tui`` shows: the Tester, a proxy or a simulator.
 
-Each function imports its screens only after it started a child process, which saves 0.1 s at `tui --sim`.
+A function that starts a child process imports its screens afterwards, which saves 0.1 s at `tui --sim`.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def show_tester(
 def show_proxy(
     address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    """Show the running proxy with this control socket; "" starts a new proxy."""
+    """Show the running proxy whose control socket is `address`. If `address` is "", start a new proxy."""
     if not address:
         _show_own_proxy(listen, to, record, rules)
     elif listen or to or record or rules.command_line or rules.control:
@@ -165,7 +165,7 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process. At the end, terminate it and print its remaining output."""
+    """Run a bcapscope command as a child. At the end, terminate the child and print its remaining output."""
     try:
         child = ChildProcess(*words, "--lang", current_language())
     except ChildStartError as error:
