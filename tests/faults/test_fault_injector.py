@@ -228,6 +228,15 @@ def test_a_client_that_comes_again_is_answered_as_a_new_one() -> None:
     assert Frame(output.data).reserved == 0
 
 
+def test_replies_to_a_client_that_comes_again_answer_no_earlier_request() -> None:
+    for is_closed in (False, True):
+        flows, machine = talk(), shaper("drop response if command == slvMove")
+        assert passes(machine, flows.up, request(5))
+        if is_closed:
+            machine.close_conversation(flows.up.conversation)
+        assert passes(machine, flows.down, reply(5)) is is_closed
+
+
 def test_attempts_of_a_client_that_comes_again_are_counted_anew() -> None:
     for is_closed in (False, True):
         flows, machine = talk(), shaper("drop try 3")

@@ -8,7 +8,7 @@ import select
 import socket
 import struct
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.tcp_session import REPLY_TIMEOUT_NS, STUCK_AFTER_NS, TcpSession
+from bcapscope.transport.descriptors import accept_connection
 from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 from tests.proxy.test_rule_policy import rules
@@ -256,6 +257,24 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
         )
         with socket.create_connection(proxy.address, PATIENCE):
             door.accept()[0].close()
+
+
+def test_a_listener_that_accepts_nobody_says_so_once_until_it_accepts_a_client(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refusals = [True, True, False, True, False]
+
+    def accept(listener: socket.socket, free: Callable[[], bool]) -> tuple[socket.socket, object] | None:
+        if refusals and refusals.pop(0):
+            raise OSError(errno.EMFILE, "")
+        return accept_connection(listener, free)
+
+    monkeypatch.setattr("bcapscope.proxy.tcp_listener.accept_connection", accept)
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        for count in (1, 2):
+            with socket.create_connection(proxy.address, PATIENCE):
+                door.accept()[0].close()
+                assert proxy.notices().count("cannot accept clients on") == count
 
 
 def test_who_ended_its_side_may_wait_for_a_reply_as_long_as_a_call_takes() -> None:

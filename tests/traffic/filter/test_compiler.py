@@ -587,6 +587,7 @@ def test_is_fast_enough_for_every_frame() -> None:
         ("command == slvMove and not time <= 2.5", RecordKind.FRAME, "use t <= 2.5"),
         ("time in (5ms, 1700000000)", RecordKind.FRAME, "use t == 5ms"),
         ("started < 100", RecordKind.CALL, "started < 100 compares with seconds since 1970"),
+        ("time > 99999999", RecordKind.FRAME, "use t > 99999999"),
     ],
 )
 def test_a_time_of_a_few_seconds_gives_a_warning(expression: str, kind: RecordKind, warning: str) -> None:
@@ -595,7 +596,15 @@ def test_a_time_of_a_few_seconds_gives_a_warning(expression: str, kind: RecordKi
 
 
 @pytest.mark.parametrize(
-    "expression", ["time > 1700000000", 'time > "2024-05-01"', "t > 2", "time == null", "latency > 2s or t"]
+    "expression",
+    [
+        "time > 1700000000",
+        "time > 100000000",
+        'time > "2024-05-01"',
+        "t > 2",
+        "time == null",
+        "latency > 2s or t",
+    ],
 )
 def test_a_sensible_time_gives_no_warning(expression: str) -> None:
     kind = RecordKind.CALL if "latency" in expression else RecordKind.FRAME
