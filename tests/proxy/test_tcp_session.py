@@ -276,6 +276,8 @@ def test_a_listener_that_accepts_nobody_says_so_once_until_it_accepts_a_client(
         eventually(lambda: not refusals)
         with socket.create_connection(proxy.address, PATIENCE):
             door.accept()[0].close()
+        proxy.stop()
+        eventually(proxy.notices)
         assert proxy.notices().count("cannot accept clients on") == 2
 
 
