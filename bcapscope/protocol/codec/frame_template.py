@@ -1,4 +1,4 @@
-"""Templates: parts that similar frames share. Only the first of a million set points is decoded in full."""
+"""Templates of frames. Similar frames share a template, so that only the first of them is decoded in full."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template with one numeric argument: values before it, its filler, its value, values after it."""
+"""For a template in which one argument has numbers: the values before this argument, the function that fills
+the argument, its value, and the values after this argument.
+"""
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
@@ -55,8 +57,8 @@ class _FrameShape:
 class FrameTemplate:
     """The parts that similar frames share, learned from one valid frame, the original.
 
-    A frame matches the template if only its serial, reserved field and numbers, except a handle, differ from
-    the original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
+    A frame matches the template if it differs from the original only in serial, reserved field and numbers.
+    The handle must be equal. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
@@ -99,7 +101,7 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a matching frame that holds these numbers, in order."""
+        """Return the arguments of a matching frame. `numbers` are the numbers in this frame, in order."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
@@ -136,7 +138,9 @@ class FrameTemplates:
         return self._decode_in_full(raw)
 
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
-        """Programs decode the same `raw` object several times, so `_recent` keeps a request and its reply."""
+        """Decode a frame that matches no template. Programs decode the same `raw` object several times, so
+        `_recent` keeps the content of the latest two frames that got no template.
+        """
         for content in self._recent:
             if content.raw is raw:
                 return content
