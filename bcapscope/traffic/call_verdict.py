@@ -158,7 +158,7 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the call's undamaged replies differ. Ignore E_BUSY and S_EXECUTING: they are no result."""
+    """Return whether the call's undamaged replies differ. E_BUSY and S_EXECUTING do not count."""
     accepted = () if call.reply is None else (call.reply,)
     replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))
     frames = [reply.item for reply in replies if not reply.item.problems]

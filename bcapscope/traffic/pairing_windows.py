@@ -15,7 +15,9 @@ port can send equal frames again, but begins with Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a reply to a retry (DENSO's ROS 2 driver waits 3 s, DENSO Wave 2009 1 s)."""
+"""Maximum time in ns from a reply to a retry. The timeout is 3 s in DENSO's ROS 2 driver, and 1 s in DENSO
+Wave 2009.
+"""
 
 LATE_WITHIN_NS = 1_000_000_000
 """Maximum time in ns to wait for a reply after a newer call began, if a newer call was answered."""

@@ -30,7 +30,8 @@ def overriding_methods(
 
 class PipelineSubscriber:
     """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs. The
-    pipeline computes only events that a subscriber needs. A frame comes before the calls that it completed.
+    pipeline computes only events that a subscriber needs. `on_frame` receives a frame before `on_call`
+    receives the calls that this frame completed.
 
     Without `needs_targets`, the `target` of `on_call` may be None although the handle is known.
     """

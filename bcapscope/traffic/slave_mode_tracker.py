@@ -32,11 +32,11 @@ _SESSION_BOUNDARIES = frozenset(
 
 class SlaveModeEffect(Enum):
     SET_POINT = "set point"
-    """An accepted or unanswered set point, or one that came while the controller's buffer was full."""
+    """A set point that was accepted, unanswered, or refused because the controller's buffer was full."""
     SET_POINT_FAILED = "set point failed"
-    """A set point refused for another reason than a full buffer or inactive slave mode."""
+    """A set point that the controller refused, but not because of a full buffer or inactive slave mode."""
     FOUND_OFF = "found off"
-    """A set point refused because slave mode is off."""
+    """A set point that the controller refused because slave mode is off."""
     MODE_CHANGED = "mode changed"
     """A slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"

@@ -24,7 +24,7 @@ LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates. At this limit, `FrameTemplates` forgets all templates and learns again."""
+"""Maximum number of templates. At the limit, `FrameTemplates` forgets all and learns new templates."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""
@@ -64,7 +64,7 @@ class FrameTemplate:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
-        fixed_parts: Returns, from the bytes of a frame, the parts that all matching frames share.
+        fixed_parts: Function that returns the parts of a frame that all matching frames share.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 

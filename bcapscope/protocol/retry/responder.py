@@ -27,8 +27,8 @@ _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
-"""If two serials differ by more than this number, they belong to different calls. Known clients send at most
-8 attempts per call, except for one client that retries without end.
+"""Serials that differ by more than this number belong to different calls. Known clients send at most 8
+attempts per call, except for one client that retries without end.
 """
 
 
@@ -108,8 +108,8 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 class Responder:
     """Decides for one client whether each request is a new call or a retry; executes nothing.
 
-    Over UDP, each address and port counts as a client; over TCP, each connection. A controller executes the
-    calls of a client one after another.
+    Over UDP, each address and port counts as a client. Over TCP, each connection counts as a client. A
+    controller executes the calls of a client one after another.
 
     In a first attempt, the reserved field holds 0 or the frame's own serial. In a retry, the reserved field
     holds the serial of the first or the previous attempt. A request belongs to a remembered call if function

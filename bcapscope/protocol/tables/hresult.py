@@ -127,7 +127,7 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 
 def rc7_digits_guessed(code: int) -> str | None:
-    """Return the four digits of a code of the form 8000xxxx, which RC7 may send; else None."""
+    """Return the digits xxxx of a code 8000xxxx, which RC7 may send; None for any other code."""
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
