@@ -1,4 +1,6 @@
-"""The calls that close a session: made by a client that ends, or by the proxy for a client that is gone."""
+"""The calls that close a session. A client makes these calls, or the proxy makes them for a client that is
+gone.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ def closing_calls(
     *,
     stops_service: bool = True,
 ) -> Iterator[ClosingCall]:
-    """Yield the function id and arguments of the calls in order: leave slave mode (`robots`), give the arm
-    back (`arms`), release `objects` (newest first), stop the service. None of these calls moves a robot.
+    """Yield the calls that close a session, in order: end slave mode (`robots`), release the arms (`arms`),
+    release the `objects` (callers list the newest first), stop the service. No closing call moves a robot.
     """
     for handle in robots:
         yield _robot_command(handle, "slvChangeMode", Variant(VT.I4, 0))

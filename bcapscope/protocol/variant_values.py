@@ -20,8 +20,8 @@ def variant_of(value: object) -> Variant:
     """Convert a Python value to a VARIANT. Raise LocalProtocolError if b-CAP has no type for this value.
 
     None becomes EMPTY, bool BOOL, int I4 (or I8 if too large for I4), float R8, str BSTR, and bytes an array
-    of UI1. A list of values of one type becomes an array of this type, a list of int and float an array of
-    R8, and any other list an array of VARIANT. A Variant stays unchanged.
+    of UI1. A list of values of one type becomes an array of this type. A list of int and float becomes an
+    array of R8. Any other list becomes an array of VARIANT. A Variant stays unchanged.
     """
     if isinstance(value, Variant):
         return value
@@ -38,7 +38,7 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert values to a request's arguments; LocalProtocolError if their number or a value is wrong."""
+    """Convert values to a request's arguments. Raise LocalProtocolError for a wrong number or wrong value."""
     if len(values) != len(function.params):
         wanted = Count(len(function.params), "argument")
         raise LocalProtocolError(
@@ -50,7 +50,9 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
 
 
 def argument_of(function: Function, param: Param, value: object) -> Variant:
-    """Convert a value to one argument; LocalProtocolError if it does not fit. A Variant stays unchanged."""
+    """Convert a value to an argument. Raise LocalProtocolError if the value does not fit the argument's type.
+    A Variant stays unchanged.
+    """
     if isinstance(value, Variant) or param.type == "VARIANT":
         return variant_of(value)
     variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value

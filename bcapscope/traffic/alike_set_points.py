@@ -12,8 +12,9 @@ class AlikeSetPoints:
     """The current series of alike set points in one conversation.
 
     A series contains only set points that the client sent once and that the controller accepted with S_OK, in
-    undamaged frames. Their requests and replies differ only in the serial, the reserved field and the numbers
-    in arguments and values. A new series begins after each other set point with S_OK.
+    undamaged frames. The requests in a series differ only in the serial, the reserved field and numbers in
+    the arguments. The replies differ only in the corresponding fields. After any other set point with S_OK, a
+    new series begins.
     """
 
     def __init__(self) -> None:
@@ -38,7 +39,9 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the series after a failure or another call; begin one with a set point with S_OK."""
+        """Begin a new series if the call is a set point with S_OK. End the series if the call is a failed set
+        point, or no set point.
+        """
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

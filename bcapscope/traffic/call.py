@@ -213,7 +213,7 @@ class Call:
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt of the call was captured; otherwise, `request` is a retry."""
+        """Whether the first attempt of the call was captured. If not, `request` is a retry."""
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
@@ -332,7 +332,7 @@ class Call:
         return self.reply.time - self.attempt_answered_by(self.reply).time
 
     def attempt_answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that has the reply's serial; the first attempt if there is none."""
+        """Return the attempt that has the reply's serial, or `request` if no attempt has this serial."""
         serial = reply.item.serial
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)
@@ -389,7 +389,7 @@ class StrayReply:
     """A reply or notice that belongs to no open call of its conversation.
 
     Attributes:
-        call_number: Number of a complete call with an attempt that has the reply's serial.
+        call_number: Number of a complete call in which an attempt has the reply's serial; None if unknown.
         request_missed: Whether the serials show that the client sent a request that the capture lacks. The
             client's next request makes `request_missed` False if the client did not skip the reply's serial.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that

@@ -13,7 +13,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of handle and command that `CallKinds` remembers. A client uses a few dozen."""
+"""Maximum number of pairs of handle and command that `CallKinds` remembers. Clients use a few dozen pairs."""
 
 MAX_CONVERSATIONS = 256
 """Maximum number of remembered conversations. Beyond the limit, the conversation with the longest silence is
@@ -104,8 +104,8 @@ class RecentRequests:
         self._current: RecentSerials[CallKind] = RecentSerials()
 
     def kind_of(self, observation: Observation) -> CallKind | None:
-        """Return the kind of a request, or of the latest request with the same serial as a reply; None for
-        bytes that are no frame, and for a reply whose request was not captured or is too old.
+        """Return the kind of a request. For a reply, return the kind of the latest request with its serial.
+        Return None for bytes that are no frame, and for a reply to an old or uncaptured request.
         """
         frame, flow = observation.item, observation.flow
         if isinstance(frame, Malformed):

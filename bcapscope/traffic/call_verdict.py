@@ -32,7 +32,7 @@ class Outcome(StrEnum):
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
     NOT_CAPTURED = "not_captured"
-    """The capture may lack the reply: bytes from the controller are missing, or it holds only requests."""
+    """The capture may lack the reply: it lacks bytes from the controller, or holds only requests."""
 
 
 class CallVerdict(StrEnum):
@@ -121,8 +121,8 @@ def _by_frames(call: Call) -> CallVerdict:
 
 
 def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
-    """Infer the verdict on a retried call: a controller executes the first attempt that reaches it, and
-    answers each attempt in order.
+    """Infer the verdict on a retried call. A controller executes the first attempt that arrives, and answers
+    each attempt in order.
     """
     answered = {reply.item.serial for reply in lost}
     if call.reply is not None:
@@ -138,8 +138,8 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 
 
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
-    """Return whether a capture at the controller, which normally holds every reply, lacks an attempt and its
-    reply. `received` holds the serials of the attempts with replies or notices.
+    """Return whether a capture at the controller lacks an attempt and its reply. Such a capture normally has
+    every reply. `received` holds the serials of the attempts with replies or notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
@@ -158,7 +158,7 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the undamaged replies differ. E_BUSY and S_EXECUTING do not show an execution."""
+    """Return whether the call's undamaged replies differ. E_BUSY and S_EXECUTING do not count."""
     accepted = () if call.reply is None else (call.reply,)
     replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))
     frames = [reply.item for reply in replies if not reply.item.problems]
@@ -169,7 +169,7 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether every reply may have crossed the client's next attempt, which may be uncaptured."""
+    """Return whether every reply may have crossed the client's next attempt, captured or not."""
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
     for reply in replies:

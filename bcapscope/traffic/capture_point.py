@@ -1,9 +1,9 @@
 """Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
-If the client sends a retry before it receives a reply, the two cross, and the reply is late. If the reply had
-enough time to reach the client, and the client still retried, the reply was lost. Only a capture on the
-client's computer shows which. Elsewhere, the capture times of a crossing reply and retry differ by at most
-the round-trip time between capture point and client.
+If the client sends a retry before it receives a reply, retry and reply cross, and the reply is late. If the
+reply had enough time to reach the client, and the client still retried, the reply was lost. Only a capture on
+the client's computer shows whether the reply was late or lost. At any other capture point, the capture times
+of a reply and a retry that cross differ by at most the round-trip time between capture point and client.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns, at the client, from a reply to a retry that was already being prepared."""
+"""Maximum time in ns from a reply to a retry that the client was already sending, as captured at the client.
+"""
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed round-trip time in ns from the capture point to the client. Factory networks take milliseconds."""
+"""Longest assumed round trip in ns from the capture point to the client. Factory networks take milliseconds.
+"""
 
 _REACTIONS = 3  # minimum number of a client's reaction times; one short time can be a coincidence
 _MARGIN = 2  # a round trip may take this many times as long as the shortest round trips
@@ -41,8 +43,9 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The client's reaction times, from the capture of a reply to that of its next request, include the round
-    trip between capture point and client. Only those below `considered_below_ns` are used.
+    A client's reaction time is the time from the capture of a reply to the capture of the next request. This
+    time includes the round trip between capture point and client. Only reaction times below
+    `considered_below_ns` are used.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
@@ -57,7 +60,7 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Add the client's reaction time, unless it retried and may have given up before the reply."""
+        """Add the client's reaction time after a call. Ignore a retried call, whose reply may be late."""
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (
             call.reply is None

@@ -12,15 +12,15 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a call sooner after an
-unanswered request does not wait for replies, but may still accept the reply to that request.
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). If a client begins the next call sooner after
+an unanswered request, the client does not wait for replies. It may still accept the reply to this request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
 """A client evidently gave up a retried call if no attempt follows within this many timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""A client gave up a call only after this silence in ns; a busy one delays an attempt less."""
+"""A client gave up a call only after this silence in ns. A busy client delays an attempt by less time."""
 
 OVERDUE_TIMEOUTS = 2
 """A reply is late if the time since the last attempt exceeds this multiple of the estimated timeout."""
@@ -30,7 +30,7 @@ _MAX_KINDS = 64
 
 
 def attempt_distances(call: Call) -> list[int]:
-    """Return the times in ns between successive attempts; uncaptured ones count as evenly spaced."""
+    """Return the times in ns between successive attempts. Uncaptured attempts count as evenly spaced."""
     attempts = call.attempts
     if len(attempts) == 1:
         return []
@@ -44,14 +44,14 @@ def attempt_distances(call: Call) -> list[int]:
 
 
 def waits_since(call: Call) -> int:
-    """Return when the client sent the last attempt, or got the latest S_EXECUTING for it, ns since 1970."""
+    """Return the time of the last attempt, or of the latest S_EXECUTING for this attempt, ns since 1970."""
     serial, sent_at = call.last_attempt.item.serial, call.last_attempt.time
     return max((sent_at, *(notice.time for notice in call.notices if notice.item.serial == serial)))
 
 
 def gives_up_at(call: Call) -> int:
-    """Return when the client evidently gave up an unanswered call, ns since 1970; 0 if unknown. That is known
-    only for a retried call without S_EXECUTING, which prolongs the timeout (DENSO Wave 2009).
+    """Return when the client evidently gave up an unanswered call, ns since 1970. Return 0 for a call without
+    retries, and for a call with S_EXECUTING, because S_EXECUTING prolongs the timeout (DENSO Wave 2009).
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP)
     return call.last_attempt.time + silence if silence else 0
@@ -59,14 +59,14 @@ def gives_up_at(call: Call) -> int:
 
 def waits_in_vain(call: Call, now: int) -> bool:
     """Return whether an unanswered call has lasted at least `TIMEOUTS_TO_GIVE_UP - 1` times the client's
-    timeout, and at least `SHORTEST_SILENCE_NS`. False if the timeout is unknown.
+    timeout, and at least `SHORTEST_SILENCE_NS`. Return False if the client's timeout is unknown.
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
     return silence > 0 and now - call.request.time >= silence
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return `timeouts` times the client's timeout in ns, at least `SHORTEST_SILENCE_NS`; 0 if unknown."""
+    """Return the client's timeout (ns) times `timeouts`, at least `SHORTEST_SILENCE_NS`; 0 if unknown."""
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 
@@ -78,8 +78,8 @@ class ShownTimeouts:
         self._distances: dict[CallKind, deque[int]] = {}
 
     def add_call(self, call: Call) -> int:
-        """Learn the client's timeout from a complete call. If a reply came too late (see `OVERDUE_TIMEOUTS`),
-        return the time when the client stopped waiting, ns since 1970; otherwise 0.
+        """Learn the client's timeout from a complete call. If the reply was late (see `OVERDUE_TIMEOUTS`),
+        return the time when the client stopped waiting, ns since 1970. Otherwise, return 0.
         """
         distances = attempt_distances(call)
         if not distances:

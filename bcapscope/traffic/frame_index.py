@@ -9,8 +9,8 @@ _REPLIES = (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST)
 
 
 class FrameIndex:
-    """The latest capture times of the attempts and replies of one open call, by their bytes. Notices, and
-    replies that did not reach the client's side, are left out.
+    """For one open call, the latest capture time of each attempt and reply. The key is the frame's bytes. The
+    index leaves out notices, and replies that did not reach the client's side.
     """
 
     def __init__(self, call: Call) -> None:

@@ -43,8 +43,8 @@ class HandleSequence:
         self._last_handle = handle
 
     def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
-        """Return whether later calls prove that the client received a reply to `call` that the capture lacks:
-        the controller accepted a handle that no captured reply contains.
+        """Return whether later calls prove that the client received a reply to `call` that was not captured.
+        The proof is a handle that the controller accepted, but that no captured reply contains.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if self._given is None or function is None or function.creates is None:

@@ -35,8 +35,8 @@ class TrackedObject:
     Attributes:
         name: Name that the call gave when it opened the object, such as `Arm`; may be "".
         parent: Label of the object through which this object was opened; "" for a controller or if unknown.
-        known_to_client: False if the reply was late, or if a repeated execution of the call created the
-            object.
+        known_to_client: Whether the client received the handle. False if the reply was late, or if a repeated
+            execution of the call created the object.
     """
 
     kind: ObjectClass
@@ -66,7 +66,8 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: First the objects whose handles the client never received, then others in creation order.
+        unreleased: Objects that the client did not release: first the objects whose handles the client never
+            received, then the other objects in creation order.
     """
 
     conversation: Conversation
@@ -81,7 +82,7 @@ class ServiceSession:
 
 
 class HandleTracker:
-    """Tracks the object of each handle. A controller may use the same handle for objects of two classes."""
+    """Tracks which object each handle means. A controller may use one handle for objects of two classes."""
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
         """Remember only the latest `max_ended` ended sessions."""
@@ -90,7 +91,7 @@ class HandleTracker:
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Process the next call, in starting order; return the object of its handle if known."""
+        """Process the next call, in starting order. Return the object of the call's handle, if known."""
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
             return None
@@ -119,7 +120,7 @@ class HandleTracker:
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop a client that has disconnected; its open session counts as ended."""
+        """Drop a client that has disconnected. An open session of this client counts as ended."""
         client = self._clients.pop(conversation, None)
         if client is not None:
             self._end_session(client, SessionEnding.OPEN)

@@ -79,7 +79,7 @@ class ConnectionEnd:
         by: Direction of the packet that ended the connection: `REQUEST` if the client ended it.
         reset: True for RST, False for FIN, after which the other end may still send.
         time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
-        both_ended: Whether the second end has also closed it, or one end reset it after a FIN.
+        both_ended: Whether both ends closed the connection, or one end reset the connection after a FIN.
     """
 
     by: Direction
@@ -89,7 +89,7 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether the controller can no longer reply. It can if only the client has sent FIN."""
+        """Whether the controller can no longer reply. After a FIN from the client only, it still can."""
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
@@ -114,7 +114,7 @@ class Conversation:
         capture_side: Place at which the conversation was captured; None unless two captures hold the same
             conversation.
         joined_as: Conversation to which a joiner assigns the frames of this conversation; None if this
-            conversation keeps its frames. `record_end` records the end in both.
+            conversation keeps its frames. `record_end` records the end in both conversations.
     """
 
     client: Endpoint

@@ -1,4 +1,4 @@
-"""Time windows, in which a call can get further frames, and memory limits of `ConversationPairing`."""
+"""Limits of `ConversationPairing`: the times within which a call can get further frames, and the memory."""
 
 from __future__ import annotations
 
@@ -15,38 +15,41 @@ port can send equal frames again, but begins with Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a reply to a retry (DENSO's ROS 2 driver waits 3 s, DENSO Wave 2009 1 s)."""
+"""Maximum time in ns from a reply to a retry. The timeout is 3 s in DENSO's ROS 2 driver, and 1 s in DENSO
+Wave 2009.
+"""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began a newer call, if one was answered."""
+"""Maximum time in ns to wait for a reply after a newer call began, if a newer call was answered."""
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""The same if none was answered: the controller may still be executing the abandoned call."""
+"""The same if no newer call was answered: the controller may still be executing the abandoned call."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns between two frames of an unanswered call, if the controller has answered no newer call:
-the InvokeTimeout of DENSO's C server, after which it no longer answers (orin_bcap
+"""Maximum time in ns between two frames of an unanswered call, if the controller has answered no newer call.
+The value is the InvokeTimeout of DENSO's C server: later, the server no longer answers (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies in all open calls of a conversation, about 30 MB of
 memory. Beyond the limit, the call of the latest frame and all earlier calls are evicted. The older C client,
-which retries without end (start-jsk/denso b-Cap.c), reaches it within 22 minutes at 20 ms.
+which retries without end (start-jsk/denso b-Cap.c), reaches the limit in 22 minutes at a timeout of 20 ms.
 """
 
 FRAME_COST = 512
 """Overhead of a frame in bytes."""
 
 LARGE_CALL = 64 * 1024
-"""Beyond this size in bytes, `ConversationPairing` drops its reference to a complete newest call."""
+"""Beyond this size in bytes, `ConversationPairing` keeps no reference to the newest call once it is complete.
+"""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
     """Return the time, in ns since 1970, after which an open call without a reply can get no further frame.
 
-    `latest_answered` is the highest number of an answered call. `answered_early` lists the numbers and reply
-    times of the calls answered before an older call, earliest reply first.
+    `latest_answered` is the highest number of an answered call. `answered_early` lists the calls that were
+    answered before an older call: pairs of call number and reply time, earliest reply first.
     """
     quiet = call.last_activity
     if call.abandoned_at:
@@ -61,11 +64,11 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 
 
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
-    """Set `no_reply_expected` of all open calls, oldest first, because their conversation has ended.
+    """Set `no_reply_expected` of each open call at the end of the conversation. `open_calls` is oldest first.
 
     Controllers answer in order, but on UDP, the reply to an older call can come up to `COPIES_WITHIN_NS`
-    after the reply to a newer call. A client that has given up a call accepts no reply to it. `now` is the
-    time when the capture ended, ns since 1970; 0 if nothing was captured after the conversation.
+    after the reply to a newer call. If a client has given up a call, it accepts no reply to this call. `now`
+    is when the capture ended, ns since 1970; 0 if nothing was captured after the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies

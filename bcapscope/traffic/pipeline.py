@@ -29,8 +29,9 @@ def overriding_methods(
 
 
 class PipelineSubscriber:
-    """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs, and
-    the pipeline computes only these. A frame comes before the calls that it completed.
+    """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs. The
+    pipeline computes only events that a subscriber needs. `on_frame` receives a frame before `on_call`
+    receives the calls that this frame completed.
 
     Without `needs_targets`, the `target` of `on_call` may be None although the handle is known.
     """
@@ -44,7 +45,7 @@ class PipelineSubscriber:
         """Process a completed call. `target` is the object with the call's handle; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Process successive alike set points of one client, which otherwise come through `on_call`."""
+        """Process successive alike set points of one client. Without an override, `on_call` receives them."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Process a reply that belongs to no call."""
@@ -53,7 +54,7 @@ class PipelineSubscriber:
         """Process a change of a client's slave mode, after the call that made the change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of an ended conversation, all calls of which were delivered."""
+        """Release the data of an ended conversation. The subscriber has already received all its calls."""
 
 
 class CallCollector(PipelineSubscriber):
@@ -84,7 +85,8 @@ class Pipeline:
         Args:
             handles: Handle tracker that the pipeline updates and the caller reads. If None, the pipeline
                 follows handles only for subscribers with `needs_targets`.
-            slave_mode: The same for slave mode, and for subscribers that override `on_slave_mode`.
+            slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If None, the
+                pipeline tracks slave mode only for subscribers that override `on_slave_mode`.
             joiner: Joins conversations that were captured at several places.
         """
         self._tracker = Tracker(taken_at)
@@ -128,7 +130,7 @@ class Pipeline:
             self._slave_mode.close_conversation(conversation)
 
     def finish(self, ended_at: int = 0) -> None:
-        """Complete all open calls at the time `ended_at`, ns since 1970; 0 for the last observation."""
+        """Complete all open calls. The traffic ended at `ended_at`, ns since 1970; 0 if this is unknown."""
         if self._joiner is not None:
             self.add_joined(self._joiner.close())
         if ended_at:
@@ -136,7 +138,7 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation: a closure, a tenth faster than a method."""
+        """Return a closure that adds an observation. A closure is a tenth faster than a method."""
         observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
 
         def add(observation: Observation) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Generic, TypeVar
 
 MAX_SERIALS = 1024
-"""Minimum number of remembered serials: at a set point every millisecond, those of one second."""
+"""Minimum number of remembered serials: about one second of set points, if the client sends one every ms."""
 
 Value = TypeVar("Value")
 

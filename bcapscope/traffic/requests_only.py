@@ -15,8 +15,8 @@ LONGEST_STEP_NS = 500_000_000
 
 
 class RequestsOnlyEvidence:
-    """Finds out from a client's requests whether it received replies, although no reply was captured: it uses
-    the handle of an object that it opened, or calls often in quick succession without a retry.
+    """Finds out from a client's requests whether the client received replies that were not captured. Such a
+    client uses the handle of an object that it opened, or makes calls in quick succession without a retry.
     """
 
     def __init__(self) -> None:

@@ -16,7 +16,7 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Evaluate a request on TCP. With serial 1, a 1 in the reserved field may be the protocol version."""
+        """Evaluate a request on TCP. If serial and reserved field are 1, this may be the protocol version."""
         if reserved == serial == 1:
             return self
         known = {serial: ReservedConvention.OWN, 0: ReservedConvention.TCP0, 1: ReservedConvention.TCP1}
@@ -33,8 +33,8 @@ class ReservedFieldUsage(NamedTuple):
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool
     ) -> ReservedFieldUsage:
-        """Evaluate a retry, from the serials of the call's first attempt, captured or not, and of its
-        previous attempt, and from whether the client's latest first attempt has 0 in reserved.
+        """Evaluate a retry. `origin` and `previous` are the serials of the call's first attempt and previous
+        attempt. `starts_with_zero`: whether the client's latest first attempt has 0 in the reserved field.
         """
         if origin == previous or reserved not in (origin, previous):
             return self

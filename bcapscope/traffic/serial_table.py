@@ -7,7 +7,7 @@ from bcapscope.traffic.recent_serials import RecentSerials
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials, and of TCP calls with the same serial that wait for a reply."""
+"""Maximum number of reused serials, and of TCP calls that wait for a reply with the same serial."""
 
 
 class SerialTable:
@@ -15,7 +15,7 @@ class SerialTable:
 
     Attributes:
         reused: For each reused serial of a TCP client, the earlier calls that still wait for a reply, oldest
-            first; a complete call only as its `Call.number`.
+            first. `Call.number` replaces a complete call.
     """
 
     def __init__(self) -> None:
@@ -50,8 +50,8 @@ class SerialTable:
 
     def queue_reused(self, serial: int) -> None:
         """Before a new request reuses a serial, queue the open call with this serial. TCP keeps the order of
-        the frames, so its reply comes before the reply to the new request. The Python client reuses its
-        serial after a timeout (orin_bcap Python bcapclient.py).
+        the frames, so the reply to the queued call comes before the reply to the new request. The Python
+        client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
         """
         prior = self.open_calls.get(serial)
         if prior is None or prior.reply is not None or prior.late_replies:
@@ -63,7 +63,7 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call, or the number of a complete one, and remove it if `is_answered`."""
+        """Return the oldest queued call, or its number if it is complete. Remove it if `is_answered`."""
         queue = self.reused[serial]
         oldest = queue[0]
         if is_answered:

@@ -33,23 +33,23 @@ _SESSION_BOUNDARIES = frozenset(
 
 class SlaveModeEffect(Enum):
     SET_POINT = "set point"
-    """An accepted or unanswered set point, or one that came while the controller's buffer was full."""
+    """A set point that was accepted, unanswered, or refused because the controller's buffer was full."""
     SET_POINT_FAILED = "set point failed"
-    """A set point refused for another reason than a full buffer or inactive slave mode."""
+    """A set point that the controller refused, but not because of a full buffer or inactive slave mode."""
     FOUND_OFF = "found off"
-    """A set point refused because slave mode is off."""
+    """A set point that the controller refused because slave mode is off."""
     MODE_CHANGED = "mode changed"
     """A slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """A call, not refused, that begins or ends a client's session."""
+    """A call that begins or ends a client's session, and that the controller did not refuse."""
     ROBOT_RELEASED = "robot released"
-    """A call, not refused, that releases a robot."""
+    """A call that releases a robot, and that the controller did not refuse."""
     ERROR = "error"
     """Any other call that failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return the effect of a call on slave mode, or what it shows about slave mode; None if neither."""
+    """Return what a call changes or shows about slave mode; None if it changes and shows nothing."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -84,7 +84,7 @@ def requested_mode(call: Call) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeChange:
-    """A change of a client's slave mode, and the call that made it. `mode` is 0 for off, None if unknown."""
+    """A change of a client's slave mode by `call`. The new `mode` is 0 for off, and None if unknown."""
 
     call: Call
     effect: SlaveModeEffect
@@ -92,7 +92,7 @@ class SlaveModeChange:
 
 
 class OpenSlaveMode(NamedTuple):
-    """A client's slave mode: 0 for off, None if unknown. `robots` are the handles in slave mode."""
+    """A client's slave mode: 0 for off, None if unknown. `robots` are handles of the robots in slave mode."""
 
     mode: int | None = None
     robots: tuple[int, ...] = ()
@@ -141,7 +141,7 @@ _NOTHING_KNOWN = OpenSlaveMode()
 
 
 def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenSlaveMode | None:
-    """Return the client's slave mode after an answered call; None if it stays."""
+    """Return the client's slave mode after a call; None if the call does not change slave mode."""
     handle = handle_of(call.request.item)
     others = tuple(robot for robot in known.robots if robot != handle)
     if effect is SlaveModeEffect.MODE_CHANGED:

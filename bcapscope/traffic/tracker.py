@@ -15,14 +15,16 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Maximum number of open calls, about 10 MB. Beyond it, the conversation with most loses its older half."""
+"""Maximum number of open calls, about 10 MB. Beyond the limit, the conversation with the most open calls
+loses the older half of these calls.
+"""
 
 MAX_BYTES = 32 * 1024 * 1024
 """Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the conversation with
-the largest calls loses the older half of them. The largest possible call stays within the limit.
+the largest calls loses the older half of its calls. The largest possible call stays within the limit.
 """
 
-SWEEP_NS = 50_000_000  # time between two searches for settled calls
+SWEEP_NS = 50_000_000  # time between two searches for calls whose waiting time has expired
 
 _REQUEST = Direction.REQUEST
 
@@ -31,11 +33,11 @@ class Tracker:
     """Groups requests, retries, notices and replies into calls, in bounded memory.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
-    this order: a call when it and all earlier calls of the conversation are complete. Beyond the memory
-    limits, it also returns (evicts) calls to which a reply may still follow.
+    this order. It returns a call when this call and all earlier calls of the conversation are complete. If
+    the memory limits are exceeded, the tracker also returns (evicts) calls that may still get a reply.
 
-    The calls depend only on the observations so far, whose times are the only clock. A truncated capture
-    gives the same calls as the whole capture, except those that are open when it ends.
+    The calls depend only on the observations so far and their times; the tracker reads no clock. A truncated
+    capture gives the same calls as the whole capture, except the calls that are open when the capture ends.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
@@ -81,8 +83,8 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def observe_joined(self, observation: JoinedObservation) -> Sequence[PairingResult]:
-        """Add the next observation of a conversation that was captured at two places. A reply only at the
-        controller's side is lost. Requests that a proxy made, and the replies to them, belong to no call.
+        """Add the next observation of a conversation that was captured at two places. A reply that did not
+        reach the client's side is lost. A proxy's own requests and the replies to them belong to no call.
         """
         item = observation.item
         is_own = observation.was_made_between and observation.is_request

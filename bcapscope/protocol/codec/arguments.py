@@ -67,8 +67,8 @@ class Argument(NamedTuple):
 
 
 class NumberSpan(NamedTuple):
-    """`repeat` adjacent numbers of the struct format `code`. `start` is the offset of the first number. The
-    data of a UI1 array has the code ``s``, and `repeat` is its number of bytes.
+    """Adjacent numbers of one type: `start` is the offset of the first number, `code` is the type's character
+    for Python's `struct`, and `repeat` is the count of numbers. For a UI1 array, `code` is ``s``.
     """
 
     start: int
@@ -80,13 +80,13 @@ class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
-    C#, Java and Python) ignore an argument's length field, so the reader only reports a length field that
-    disagrees with its value. The first value without a recognisable end is read a second time, up to the end
-    that its length field gives. From there on, every length field limits its value. Two values never share a
-    byte, and the reader reads each byte at most twice.
+    C#, Java and Python) ignore the length fields of arguments. The reader therefore only reports a length
+    field that disagrees with the value. If the end of a value cannot be recognised, the reader reads this
+    value again, up to the end that the length field gives. After that, every length field limits the value of
+    its argument. Two values never share a byte, and the reader reads each byte at most twice.
 
-    The last one of the `arguments` may be partial. `is_complete` says that the start of every argument was
-    found.
+    The last element of `arguments` may be incomplete. `is_complete` is True if the start of every argument
+    was found.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:

@@ -71,7 +71,7 @@ _LONGEST_PACKED_ROW = 64
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are not a frame, or a hole where `missing` bytes of a stream are missing."""
+    """Bytes that are not a frame, or a gap in a stream; `missing` is the number of bytes in the gap."""
 
     raw: bytes
     problems: tuple[Problem, ...]
@@ -214,8 +214,8 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 def parse_captured_datagram(
     raw: bytes, templates: FrameTemplates | None = None
 ) -> tuple[Frame | Malformed, ...]:
-    """Split a captured datagram into its frames. Bytes after the first frame are a problem of this frame:
-    DENSO's C server then stops its UDP service (orin_bcap C/src/bCAPServer/bcap_server.c).
+    """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to the frame:
+    such bytes stop the UDP service of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -277,7 +277,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Encode a frame if its only argument is a short array of numbers, as in a reply to slvMove."""
+    """Encode a frame whose only argument is a short array of numbers, such as a reply to slvMove."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS

@@ -47,7 +47,7 @@ class Framing(Enum):
 class FrameContent:
     """The decoded content of a frame that has at least a header; decoding never raises. In a compressed
     frame, the unpacked content replaces the compressed bytes in `body`; the first nine bytes and EOT stay the
-    same. Arguments and problems hold offsets in `body`.
+    same. The offsets of arguments and problems refer to `body`.
     """
 
     def __init__(self, raw: bytes) -> None:
@@ -102,8 +102,8 @@ class FrameContent:
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether the frame at `pos` looks like a compressed version 1 frame. An uncompressed frame looks
-    like one only if it has 376 arguments or more.
+    """Return whether the frame at `pos` looks like a compressed version 1 frame. An uncompressed frame with
+    fewer than 376 arguments never looks like a compressed frame.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
@@ -111,8 +111,8 @@ def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
 def crc16(data: bytes) -> int:
     """Return the CRC-16 of a serial-line frame, over the bytes from the length field to the last argument.
 
-    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion
-    (orin_bcap C/src/bcap_common.c and the Java client). The frame holds it low byte first, before EOT.
+    The CRC has polynomial 0x1021, start value 0xFFFF, no reflection and no final inversion (orin_bcap
+    C/src/bcap_common.c and the Java client). In the frame, the low byte of the CRC comes first; EOT follows.
     """
     return crc_hqx(data, 0xFFFF)
 

@@ -1,4 +1,4 @@
-"""Templates: parts that similar frames share. Only the first of a million set points is decoded in full."""
+"""Templates of frames. Similar frames share a template, so that only the first of them is decoded in full."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template with one numeric argument: values before it, its filler, its value, values after it."""
+"""For a template in which one argument has numbers: the values before this argument, the function that fills
+the argument, its value, and the values after this argument.
+"""
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates. At this limit, `FrameTemplates` forgets all templates and learns again."""
+"""Maximum number of templates. At the limit, `FrameTemplates` forgets all and learns new templates."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""
@@ -55,14 +57,14 @@ class _FrameShape:
 class FrameTemplate:
     """The parts that similar frames share, learned from one valid frame, the original.
 
-    A frame matches the template if only its serial, reserved field and numbers, except a handle, differ from
-    the original. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
+    A frame matches the template if it differs from the original only in serial, reserved field and numbers.
+    The handle must be equal. Every matching frame is valid: length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the original frame. The numbers in `prototype` are only placeholders.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte for each byte of a frame: 0 if the byte may vary between frames, 255 if not.
-        fixed_parts: Returns, from the bytes of a frame, the parts that all matching frames share.
+        fixed_parts: Function that returns the parts of a frame that all matching frames share.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
@@ -99,7 +101,7 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a matching frame that holds these numbers, in order."""
+        """Return the arguments of a matching frame. `numbers` are the numbers in this frame, in order."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
@@ -136,7 +138,9 @@ class FrameTemplates:
         return self._decode_in_full(raw)
 
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
-        """Programs decode the same `raw` object several times, so `_recent` keeps a request and its reply."""
+        """Decode a frame that matches no template. Programs decode the same `raw` object several times, so
+        `_recent` keeps the content of the latest two frames that got no template.
+        """
         for content in self._recent:
             if content.raw is raw:
                 return content

@@ -29,8 +29,8 @@ LARGEST_GARBAGE = 64 * 1024
 """Maximum size in bytes of a piece of garbage: bytes that belong to no frame."""
 
 GUARANTEED_BUFFER = 16 * 1024
-"""Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded, so that
-other connections cannot stop the frames of a real session, which are below 10 KiB.
+"""Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
+of real sessions are below 10 KiB, so other connections cannot disturb these frames.
 """
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
@@ -38,7 +38,8 @@ STREAM_ENDED = Message("problem.cut.stream-ended")
 
 MAX_RESYNC_ARGUMENTS = 64
 """After garbage, the splitter accepts only a frame with at most this number of arguments. Without the limit,
-malicious garbage could make it examine the same bytes many times. Real frames have at most four.
+malicious garbage could make the splitter read the same bytes many times. Real frames have at most four
+arguments.
 """
 
 _TAILS = (1, 2, 3)
@@ -46,7 +47,7 @@ _TAILS = (1, 2, 3)
 
 
 class StreamPiece(NamedTuple):
-    """A frame, or bytes between frames. `start` and `stop` are offsets that also count missing bytes."""
+    """A frame, or bytes between frames. The offsets `start` and `stop` in the stream count missing bytes."""
 
     start: int
     stop: int
@@ -65,12 +66,12 @@ class _Trust(Enum):
 
 
 class StreamSplitter:
-    """Splits a stream into frames and garbage. How the stream is divided into segments does not matter.
+    """Splits a stream into frames and garbage, however the stream is divided into segments.
 
     Every byte of the stream is in exactly one piece, in order. A splitter holds at most as many bytes as the
     largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED`. Splitters with a shared budget together
-    hold no more than the budget, plus `GUARANTEED_BUFFER` for each. If the budget is exceeded, a splitter
-    returns the part of a frame longer than `GUARANTEED_BUFFER` that has arrived.
+    hold no more than the budget, plus `GUARANTEED_BUFFER` for each splitter. If the budget is exceeded, a
+    splitter that holds more than `GUARANTEED_BUFFER` returns its unfinished bytes.
     """
 
     def __init__(
@@ -80,8 +81,8 @@ class StreamSplitter:
         budget: ByteBudget | None = None,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream, without its first bytes if not `synchronized`. The splitter waits for frames of at
-        most `limit` bytes.
+        """Start a stream. If not `synchronized`, the stream may begin in the middle of a frame. The splitter
+        waits for frames of at most `limit` bytes.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -111,14 +112,14 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """Do the same as `feed`, but faster, if `data` is one frame. Otherwise, consume nothing."""
+        """If `data` is exactly one frame, return it faster than `feed` does. Otherwise, consume nothing."""
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
         self._stream_offset += len(data)
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Return the unfinished bytes, then a piece that stands for the `missing` bytes."""
+        """Return the pieces of the unfinished bytes, then a piece for the gap of `missing` bytes."""
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)

@@ -144,7 +144,7 @@ def encode_variant(variant: Variant) -> bytes:
 
 
 def encode_argument(variant: Variant) -> bytes:
-    """Encode an argument: its byte length (u32), then what `encode_variant` returns and with its errors."""
+    """Encode an argument: a byte length (u32), then the VARIANT. Raise the errors of `encode_variant`."""
     body = _encode(variant, 0)
     return len(body).to_bytes(4, "little") + body
 

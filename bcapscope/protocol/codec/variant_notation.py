@@ -1,4 +1,4 @@
-"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or a value of a known or guessed type."""
+"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or only a value if its type is known or guessed."""
 
 from __future__ import annotations
 

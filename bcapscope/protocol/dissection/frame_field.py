@@ -179,11 +179,11 @@ class _FieldBuilder:
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range, except that of a value that is truncated exactly at `stop`."""
+        """Return the problems at offsets `start` to `stop` - 1, except a truncation of the previous field."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose sort keys (see `_doubled_place`) are from `first` to `behind` - 1."""
+        """Return the problems with sort keys (see `_doubled_place`) from `first` to `behind` - 1."""
         placed = self._placed
         if not placed:
             return ()
@@ -265,8 +265,8 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice its offset, minus 1 if it says that an argument is truncated. So
-    the problem belongs to the truncated argument, not to the next argument.
+    """Return a sort key for a problem: twice its offset, minus 1 for a truncated argument. The offset of this
+    problem is where the next argument begins, but the problem belongs to the truncated argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

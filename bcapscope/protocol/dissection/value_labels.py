@@ -16,7 +16,7 @@ from bcapscope.protocol.tables.table_text import table_message
 
 
 class ValueLabel(NamedTuple):
-    """Name, unit (`mm`, `deg`) and meaning, each perhaps empty, and the labels of the first elements."""
+    """Label of a value: name, unit (such as `mm`) and meaning, each "" if unknown, and labels of elements."""
 
     name: str = ""
     unit: str = ""
@@ -28,8 +28,9 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Name the elements of slvMove's parameter or result. Earlier calls chose the formats and the slave mode,
-    so names may be guessed from the number and types of the elements; the label's `text` then says so.
+    """Return a label with the names of the elements in slvMove's parameter or result. Earlier calls chose the
+    formats and the slave mode, so names may be guessed from the number and types of the elements. The label's
+    `text` says whether the names are guessed.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_part_labels(found._asdict()))
@@ -53,8 +54,7 @@ _PART_LABELS = {
     "user_io": (ValueLabel("user I/O"),),
     "hand_io": (ValueLabel("hand I/O"),),
 }
-"""For each field of `SetPoint` and `Feedback`, one label per element of slvMove's array, in the same order.
-"""
+"""The labels of each field of `SetPoint` and `Feedback`, in the order of the elements in slvMove's array."""
 
 
 def _part_labels(fields: Mapping[str, Any]) -> Iterator[ValueLabel]:
@@ -117,7 +117,7 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the label of the value in a reply to the request of `function_id` and `command`."""
+    """Return the label of the value in a reply. `function_id` and `command` are those of the request."""
     if type(variant.value) is not int:
         return NO_LABEL
     found = enumerations.result_meanings(function_id or 0, command or "", variant.value)

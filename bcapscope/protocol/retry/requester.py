@@ -82,7 +82,9 @@ class CallExecuting:
 
 @dataclass(frozen=True, slots=True)
 class LateReply:
-    """A reply, at `time`, to an earlier attempt or call, sent at `sent` (ns). The client discards it."""
+    """A reply to an earlier attempt or call. The client discards this reply. The attempt was sent at `sent`,
+    and the reply arrived at `time` (ns).
+    """
 
     reply: Frame
     time: int
@@ -107,8 +109,8 @@ class _OpenAttempt:
 class Requester:
     """Makes one call at a time, because a controller executes the calls of a client one after another.
 
-    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, except with `abandon`. While a call is
-    in progress, the program calls `handle_timeout` at the time `deadline`, in ns.
+    Every call that the program does not `abandon` ends in `CallAnswered`, `CallRefused` or `CallTimedOut`.
+    While a call is in progress, the program calls `handle_timeout` at the time `deadline`, in ns.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
@@ -198,7 +200,7 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply after `abandon` is a late reply."""
+        """Give up the call in progress and return its attempts. A later reply to it is a late reply."""
         self.deadline = None
         return self._attempt_snapshots()
 

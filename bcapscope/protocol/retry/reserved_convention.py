@@ -27,7 +27,7 @@ class ReservedConvention(StrEnum):
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
-    """Return the conventions that clients use over UDP (`datagrams`) or TCP, the most usual first."""
+    """Return the conventions that clients use over UDP if `datagrams`, else over TCP; most usual first."""
     if datagrams:
         return ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN
     return ReservedConvention.TCP0, ReservedConvention.TCP1

@@ -21,14 +21,14 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of stored replies (over UDP, at most 503 bytes each). All but one serve only late retries."""
+"""Number of stored replies (over UDP, at most 503 bytes each). Only late retries need more than one reply."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
-"""If two serials differ by more than this number, they belong to different calls. Known clients send at most
-8 attempts per call, except for one client that retries without end.
+"""Serials that differ by more than this number belong to different calls. Known clients send at most 8
+attempts per call, except for one client that retries without end.
 """
 
 
@@ -55,8 +55,8 @@ class RequestKind(Enum):
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call, whose reply will carry the serial of the retry. A retry of an abandoned
-    call is also `RUNNING`, but never gets a reply.
+    """A retry of the running call. The reply to this call will carry the serial of the retry. A retry of an
+    abandoned call is also `RUNNING`, but never gets a reply.
     """
     BUSY = "busy"
     """A new call that arrives while another call is running. `reply_unremembered` may refuse it."""
@@ -95,9 +95,9 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return whether no call newer than `call` has its newest serial between `call.newest` and `serial`, both
-    included. `calls` lists the newest call first; an older call with a higher serial comes from an earlier
-    program.
+    """Return whether no call newer than `call` uses a serial from `call.newest` to `serial` as its newest
+    serial. `calls` lists the newest call first. The serials of older calls do not matter, because these calls
+    may come from an earlier program.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -108,14 +108,15 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 class Responder:
     """Decides for one client whether each request is a new call or a retry; executes nothing.
 
-    Over UDP, each address and port counts as a client; over TCP, each connection. A controller executes the
-    calls of a client one after another.
+    Over UDP, each address and port counts as a client. Over TCP, each connection counts as a client. A
+    controller executes the calls of a client one after another.
 
-    In a first attempt, the reserved field is 0 or the frame's own serial. In a retry, it is the serial of the
-    first or the previous attempt. A request belongs to a remembered call if its reserved field holds the
-    serial of an attempt of this call, and function and arguments are the same. A retry adds its serial and
-    reserved field to the serials of the call. If a known serial arrives with other contents, the client has
-    restarted, and the responder forgets the calls from before the restart.
+    In a first attempt, the reserved field holds 0 or the frame's own serial. In a retry, the reserved field
+    holds the serial of the first or the previous attempt. A request belongs to a remembered call if function
+    and arguments are the same, and its reserved field holds the serial of an attempt of this call. The
+    responder adds the serial and the reserved field of a retry to the serials of the call. If a request with
+    a known serial has other contents, the client has restarted. The responder then forgets the calls from
+    before the restart.
 
     In two cases, a request does not show whether it is a new call or a retry:
 
@@ -126,9 +127,9 @@ class Responder:
       the same contents has an equal or slightly higher serial, the new call looks like a delayed attempt of
       the earlier call.
 
-    The responder then assumes a retry, so that no call runs twice. If it mistakes a new call for a retry, the
-    controller does not execute the call, and the client gets the earlier reply. That reply may hold an old
-    value, or report a motion that the robot made for the earlier call.
+    In both cases, the responder assumes a retry, so that no call is executed twice. If the responder mistakes
+    a new call for a retry, the controller does not execute the call, and the client gets the earlier reply.
+    The earlier reply may hold an old value, or report a motion that the robot made for the earlier call.
     """
 
     def __init__(
@@ -141,8 +142,8 @@ class Responder:
         defects: Defect = Defect.NONE,
     ) -> None:
         """Start with a client that has sent no request yet. `expects_retries` is False for TCP, where every
-        request is a new call. Replies have at most `largest_answer` bytes, and `remembered` of them are
-        stored.
+        request is a new call. The responder stores the latest `remembered` replies. A reply has at most
+        `largest_answer` bytes.
         """
         self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries
@@ -222,14 +223,14 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client. The running call gets no reply."""
+        """Forget all calls of the client. A call that is still running gets no reply."""
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add the keys of a call. If the set is full, first remove the keys that belong to no known call."""
+        """Add a call's serials and contents to the known keys. If the set is full, first remove old keys."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -282,16 +283,16 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls from before the restart of a program that has used `serial` for two different
-        calls. Keep newer calls with lower serials, which the restarted program made and may still retry.
+        """Forget the calls of an earlier program, because the client has used `serial` for a second call.
+        Keep newer calls with lower serials, because the restarted program made these calls and may retry.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of an attempt under the convention `CHAIN`. The previous attempt may be lost, or a
-        later one may have arrived first.
+        """Return the call to which an attempt belongs under the convention `CHAIN`. The previous attempt may
+        be lost, or a later attempt may have arrived first.
         """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
@@ -303,7 +304,7 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Find out which `ReservedConvention` the client uses, from a reserved field other than 0."""
+        """Find out from a reserved field that is not 0 which `ReservedConvention` the client uses."""
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN
         elif (frame.serial - frame.reserved) % _SERIAL_COUNT > 1:

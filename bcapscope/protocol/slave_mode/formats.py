@@ -30,9 +30,9 @@ class SendFormat:
     """What the parameter of slvMove holds besides the pose.
 
     Attributes:
-        hand_io: Whether there is a hand I/O word. Bit 0 is IO48. The controller sets only IO64..IO71.
-        mini_io: Whether there is a mini I/O word. Bit 0 is IO0. Depending on the controller, the word sets
-            only IO24..IO31 or only IO16..IO31.
+        hand_io: Whether there is a hand I/O word. Bit 0 is IO48. The controller writes only IO64..IO71.
+        mini_io: Whether there is a mini I/O word. Bit 0 is IO0. Some controllers write only IO24..IO31, and
+            others write only IO16..IO31.
         user_io: Whether there are I/O bits to write, and the range of these bits.
         other: Bits of the format that have no known meaning.
     """
@@ -53,7 +53,7 @@ class SendFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether clients use this format: 0, 0x020, 0x100, 0x120, 0x200 and 0x220, with or without 0x400."""
+        """Whether clients use this format: 0, 0x20, 0x100, 0x120, 0x200 or 0x220, with or without 0x400."""
         return not self.other & ~_UNDOCUMENTED_BIT and not (self.mini_io and self.user_io)
 
 
@@ -109,7 +109,7 @@ class ReceiveFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. Only 0x340 combines mini I/O and user I/O."""
+        """Whether the ROS driver knows this format. Only its format 0x340 has both mini I/O and user I/O."""
         both = self.mini_io and self.user_io
         return not self.other and (not both or int(self) & ~_POSE_BITS == 0x340)
 
@@ -130,7 +130,9 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a format number, or an array of a format number and a time unit (1 for µs); else None."""
+    """Decode a format number, or an array of a format number and a time unit (1 for µs). Return None for any
+    other parameter.
+    """
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

@@ -92,7 +92,7 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool]] = {
     ModeKind.MODE_1: (1, True, False, False, False),
     ModeKind.MODE_2: (3, False, True, True, False),
 }
-"""For each kind of mode, the fields of `SlaveMode` from `buffer_slots` to `overflow_is_error`."""
+"""For each kind of mode, the values of `SlaveMode`'s fields from `buffer_slots` to `overflow_is_error`."""
 
 _TEXTS = {
     ModeKind.OFF: "slave mode off",

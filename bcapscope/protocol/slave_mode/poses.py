@@ -68,7 +68,7 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """One bit for each axis in use, in the number that the ROS driver appends; bit 0 is J1."""
+        """Axes in use according to the number that the ROS driver appends: bit 0 for J1, bit 1 for J2."""
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
@@ -79,8 +79,8 @@ def is_used_axes_mark(number: float) -> bool:
 
 
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
-    """Return the numbers of a number array, or of a VARIANT array that holds only numbers; else None. Clients
-    send such a VARIANT array for a list that mixes integers and floats.
+    """Return the numbers of a number array, or of a VARIANT array that holds only numbers; None for any other
+    value. Clients send a VARIANT array for a list that mixes integers and floats.
     """
     value = variant.value
     if not isinstance(value, tuple):
@@ -94,7 +94,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values; the ROS driver may have appended one."""
+    """Guess the pose type from the number of values. The last value may be a number from the ROS driver."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)

@@ -2,7 +2,7 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
-the elements with slvSendFormat and slvRecvFormat. If these were not captured, the decoder guesses.
+the elements with slvSendFormat and slvRecvFormat. If the capture lacks these calls, the decoder guesses.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _MAX_PARTS = 8  # maximum number of elements to examine; every slvMove format ha
 
 
 class UserIO(NamedTuple):
-    """I/O bits that slvMove reads (`data` is None) or writes: `size` bits from the bit number `offset` on."""
+    """I/O bits that slvMove reads (`data` is None) or writes: `size` bits, beginning with number `offset`."""
 
     offset: int
     size: int
@@ -100,7 +100,7 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. If it has an unexpected form, return what fits, and the problems.
+    """Decode slvMove's parameter. If its form is unexpected, return the elements that fit, and the problems.
 
     `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
     None if its call was not captured.
@@ -128,7 +128,7 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If it has an unexpected form, return the elements that fit, and the problems.
+    """Decode slvMove's result. If its form is unexpected, return the elements that fit, and the problems.
     EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as a pose of
     the slave mode's `pose_type`.
     """
@@ -236,7 +236,7 @@ def _feedback_parts(form: ReceiveFormat) -> _Arrangement:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Any], list[Message]]:
-    """Return the value of each element of `layout` by name, and the problems."""
+    """Return a dictionary from the name of each element in `layout` to its value, and the problems."""
     named: dict[str, Any] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -260,7 +260,9 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether user I/O is valid, and the upper 8 bits of hand I/O without mini I/O are 0."""
+    """Return whether `parts` fit `layout`, any user I/O is valid, and a hand I/O word without a mini I/O word
+    has no bit above bit 23.
+    """
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False

@@ -1,4 +1,4 @@
-"""The strongest effect that a call can have on the robot.
+"""The effects that calls can have on the robot.
 
 bcapscope derives the effects from the meanings of the functions in orin_bcap C/include/bcap_funcid.h and of
 the commands in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.
@@ -30,8 +30,11 @@ class CallEffect(IntEnum):
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect of each function; see `request_effect` for the effect of one request."""
+"""Effect of each function in the table. `request_effect` also considers a request's arguments."""
 
 
 def function_effect(function_id: int) -> CallEffect:
+    """Return the function's effect in the table, or `MOVES` if the function is unknown. The option @Create of
+    GetFile makes the effect of a request stronger; see `request_effect`.
+    """
     return FUNCTION_EFFECTS.get(function_id, CallEffect.MOVES)

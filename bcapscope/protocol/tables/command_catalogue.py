@@ -1,4 +1,4 @@
-"""The catalogue of commands (`commands.tsv`): names for the argument bstrCommand, such as of Robot_Execute.
+"""The catalogue of commands (`commands.tsv`) that clients request with Robot_Execute and similar functions.
 
 Controllers and this catalogue ignore the case of command names. The slides of DENSO Wave 2009, How to use the
 Slave mode, show both `SLVMOVE` and `slvMove`.
@@ -85,7 +85,7 @@ def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
 
 
 def command_name(function_id: int, arguments: Sequence[Variant]) -> str | None:
-    """Return the command of an ..._Execute call in the client's spelling; None if there is none."""
+    """Return the command of a request, in the client's spelling; None if the request names no command."""
     if function_id not in COMMAND_FUNCTIONS or len(arguments) < 2:
         return None
     value = arguments[1].value

@@ -32,7 +32,7 @@ PROVIDERS = _texts("provider")
 
 
 def sys_state_texts(value: int) -> tuple[str, ...]:
-    """Return the meanings of the bits set in a result of SysState; `bit 9` for a reserved bit."""
+    """Return the meanings of the bits set in a result of SysState. A reserved bit has a text like `bit 9`."""
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 

@@ -61,8 +61,8 @@ class Function:
     Attributes:
         id: Function id, 1..137, at offset 9 of a request.
         owner: Class of the object to which the handle in the first argument must refer.
-        params: The handle comes first. Clients always send optional strings; a string without a value is
-            empty.
+        params: Arguments, the handle first. Clients always send optional strings, if necessary as an empty
+            string.
         result_name: The vendor's name of the result, such as `hRobot` or `pVal`.
         creates: Class of the object that a successful call opens. Service_Start's object has no handle.
         note: One clause that says how implementations of the function disagree; empty if they agree.
@@ -151,7 +151,7 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the argument at `index`, from 0. A surplus one is named `arg4` or so, counted from 1."""
+    """Return the name and type of the argument at `index`, from 0. Argument 3 without a name is `arg4`."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
         return function.params[index]

@@ -36,7 +36,7 @@ E_NOT_CONNECTED = 0x80000902
 E_MAX_OBJECT = 0x80000905
 E_TOO_MUCH_DATA = 0x80000909
 E_BUSY = 0x809100AA
-"""The C server's code while an earlier call of the same connection runs. The name is bcapscope's own."""
+"""The C server's reply while an earlier call of the connection runs. The name `E_BUSY` is bcapscope's own."""
 E_NOT_IN_SLAVE_MODE = 0x83500121
 E_REFUSED_IN_SLAVE_MODE = 0x83501032
 E_SLAVE_UNDERFLOW = 0x84201482
@@ -46,7 +46,7 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels. Levels 2 and 3 have no name in DENSO's error list, but one after its texts."""
+"""Error levels. DENSO's error list gives levels 2 and 3 no name, so bcapscope names them after its texts."""
 
 _ENDS_SLAVE_MODE = 3
 
@@ -69,8 +69,8 @@ class HresultInfo:
         subsystem: Part of the controller that reports the code.
         axis: Axis 1..8.
         rc7: The four-digit code of RC7 with the same meaning.
-        is_listed: Whether a table lists the code; its digits or range give the meaning otherwise.
-        is_guess: Whether `meaning` depends on an assumption that no paper confirms.
+        is_listed: Whether a table lists the code. Otherwise, the code's digits or range give the meaning.
+        is_guess: Whether `meaning` depends on an assumption that no document confirms.
     """
 
     code: int
@@ -100,8 +100,8 @@ def is_failure(code: int) -> bool:
 def ends_slave_mode(code: int) -> bool:
     """Return whether a result code, signed or unsigned, is an error that switches slave mode off.
 
-    Errors of level 3 and above do so, except a buffer overflow. On RC7, whose codes have four digits, every
-    error does (DENSO Wave 2009, How to use the Slave mode).
+    Errors of level 3 and above switch slave mode off, except a buffer overflow. Every error of RC7, whose
+    codes have four digits, switches slave mode off (DENSO Wave 2009, How to use the Slave mode).
     """
     code &= 0xFFFFFFFF
     if not is_failure(code) or code == E_SLAVE_OVERFLOW:
@@ -112,7 +112,7 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether a result code counts as a four-digit code of RC7: 0000xxxx or 8000xxxx."""
+    """Return whether an otherwise unknown result code has a form of RC7's codes: 0000xxxx or 8000xxxx."""
     code &= 0xFFFFFFFF
     in_range = any(first <= code <= last for first, last, _ in RESULT_RANGES)
     return _has_rc7_form(code) and code not in LISTED_RESULTS and not in_range
@@ -127,7 +127,7 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 
 def rc7_digits_guessed(code: int) -> str | None:
-    """Return the four digits of a code of the form 8000xxxx, which RC7 may send; else None."""
+    """Return the digits xxxx of a code 8000xxxx, which RC7 may send; None for any other code."""
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
@@ -150,7 +150,7 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a code, signed or unsigned. If `rc7`, its low 16 bits may be RC7's code."""
+    """Return the meaning of a signed or unsigned code. If `rc7`, its low 16 bits may be a code of RC7."""
     code &= 0xFFFFFFFF
     known = LISTED_RESULTS.get(code)
     if known is not None:
@@ -257,7 +257,7 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map RC7's four-digit codes to their meanings; the first RC8 code with an RC7 code counts."""
+    """Map RC7's four-digit codes to their meanings. If RC8 codes share an RC7 code, the first one counts."""
     table: dict[int, HresultInfo] = {}
     for row in _ROWS:
         if len(row["code"]) == 4:
@@ -277,7 +277,9 @@ RESULT_RANGES = [
     for first, _, last in [row["code"].partition("-")]
     if last
 ]
-"""First code, last code and table row of each range. ``{number}`` in a text is a code's low 16 bits."""
+"""First code, last code and table row of each range of codes. In the row's text, ``{number}`` stands for the
+low 16 bits of a code.
+"""
 LISTED_RESULTS = _build_table()
 RC7_RESULTS = _build_rc7_table()
 """Meanings of RC7's four-digit codes."""

@@ -56,7 +56,7 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have. `name` is "" if the name is unknown.
+    """Return the strongest effect that writing a variable can have. The variable's `name` is "" if unknown.
 
     A program on the controller may wait for any variable, so a write has the effect `MOVES`. Only writes to
     @SERVO_ON, which switches the motor, and @STOP, which stops a task, have weaker effects.

@@ -89,7 +89,7 @@ Test: TypeAlias = Callable[[Any], bool]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A valid filter expression. `bind` needs getters with the `getter_names`.
+    """A valid filter expression. `getter_names` are the names of the getters that `bind` needs.
 
     Attributes:
         warnings: Comparisons that are valid, but probably a mistake.
@@ -108,9 +108,9 @@ class Filter:
         """Return a function that tests a record. The function raises only exceptions that a getter raises.
 
         Args:
-            getters: Additional getters are ignored. `bind` creates a missing getter of `t`.
-            first_time: Returns the zero point of `t`, ns since 1970; None for the time of the first tested
-                record.
+            getters: Additional getters are ignored. If the getter of `t` is missing, `bind` creates it.
+            first_time: Returns the time at which `t` is 0, ns since 1970. If None, `t` is 0 at the first
+                tested record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -241,7 +241,7 @@ class _Parser:
         return lambda record: match(read(record)) is True
 
     def parse_subject(self) -> tuple[ComparedField, list[int]]:
-        """Consume a field name and its indexes; return the left side of the comparison and the indexes."""
+        """Consume a field name and its indexes. Return the left side of the comparison, and the indexes."""
         token = self.advance()
         if token.kind is not TokenKind.WORD:
             case = "filter.no-field-but" if token.text else "filter.no-field"
@@ -276,7 +276,9 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Parse a comparison with a field of the same numeric type; None, and nothing consumed, otherwise."""
+        """Parse a comparison with a field of the same numeric type. For other input, consume nothing and
+        return None.
+        """
         sign = self.peek()
         if not (sign.is_sign(*matching.COMPARISONS) and subject.type in operands.NUMERIC):
             return None
@@ -295,7 +297,7 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. Without a comparison sign, return `bool`."""
+        """Consume a comparison sign and its operand. If there is no comparison sign, return `bool`."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

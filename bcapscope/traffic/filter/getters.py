@@ -72,7 +72,7 @@ class AnnotatedFrame(NamedTuple):
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as ``slvMove``; None for any other, or if unknown."""
+        """Command of an Execute function, such as ``slvMove``. None for other or unknown functions."""
         return None if self.call_kind is None else self.call_kind.command
 
     @property

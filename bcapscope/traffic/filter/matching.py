@@ -16,7 +16,7 @@ from bcapscope.traffic.observation import Endpoint
 
 Match: TypeAlias = Callable[[object], bool | None]
 """Returns whether a value matches. If value and literal have different types, a test for equality returns
-None, so that == and != are both false, and every other test returns False.
+None, so that == and != are both false. Every other test of different types returns False.
 """
 
 Number: TypeAlias = "int | float | Fraction"
@@ -46,7 +46,7 @@ def plain_value(value: object) -> object:
 
 
 def element(value: object, index: int) -> object:
-    """Return an element of a list as a plain value; None if there is none."""
+    """Return an element of a list as a plain value; None if the list is too short."""
     items = elements(value)
     return plain_value(items[index]) if index < len(items) else None
 
@@ -101,7 +101,7 @@ def _is_code(value: object) -> TypeGuard[int]:
 
 
 def endpoint(address: Address, port: int | None) -> Match:
-    """Match an IP address, on either leg if a proxy forwarded the call, and a port; None for any port."""
+    """Match an IP address and a port (None for any port). In a call through a proxy, either leg can match."""
 
     def match(value: object) -> bool | None:
         if type(value) is tuple:
@@ -140,7 +140,7 @@ def _parse_endpoint(written: str) -> tuple[Address, int | None] | None:
 
 
 def equality(wanted: Sequence[Match], negated: bool) -> Match:
-    """Match one of the `wanted` literals or, if `negated`, none. A value of another type never matches."""
+    """Match any of the `wanted` literals, or none if `negated`. A value of another type never matches."""
     if not negated:
         return any_of(wanted)
     if len(wanted) == 1:
@@ -226,7 +226,7 @@ def search(pattern: str) -> Match:
     """Return a function that searches a text, or each text of a list, for an RE2 expression.
 
     Raises:
-        ValueError: Its two arguments are RE2's reason and the invalid part of the expression.
+        ValueError: `pattern` is invalid. The error has two arguments: RE2's reason and the invalid part.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

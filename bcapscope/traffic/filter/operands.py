@@ -1,4 +1,4 @@
-"""Compile the right side of a comparison. Every function raises a `FilterError` if the field does not fit."""
+"""Compile the right side of a comparison. If this side does not fit the field, raise a `FilterError`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bcapscope.traffic.filter.matching import Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds per unit. The prefix micro can be u, the micro sign or the Greek letter mu."""
+"""Nanoseconds per unit. In a microsecond, the prefix can be u, the micro sign or the Greek letter mu."""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
@@ -33,8 +33,8 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison, from index `start` of the whole filter `expression`. `type` is the type
-    of the field, or of the element that the indexes select.
+    """The left side of a comparison, which begins at index `start` of the filter `expression`. `type` is the
+    type of the field, or of the element that the indexes select.
     """
 
     expression: str

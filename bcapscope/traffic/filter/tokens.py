@@ -66,7 +66,7 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """One token of a filter expression. Its `text` has no quotes and no unit; escapes are resolved."""
+    """One token of a filter expression. `text` is without quotes and unit, and its escapes are resolved."""
 
     kind: TokenKind
     text: str

@@ -1,8 +1,8 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
 The clock offset is the time by which the controller-side clock is ahead of the client-side clock. Each
-request gives an upper bound, because it cannot arrive before the client sent it, and each reply gives a lower
-bound. The estimate is between the tightest bounds.
+request gives an upper bound for the offset, because a request cannot arrive before the client sent it. Each
+reply gives a lower bound. The estimated offset is between the lowest upper and the highest lower bound.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class ClockEstimator:
         self._least = _UpperBound()  # of the negative offset
 
     def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
-        """Add a frame with its time, in ns since 1970, by the clock of each place."""
+        """Add a frame. Its two times, in ns since 1970, are from the clocks of the two places."""
         if is_request:
             self._most.add(at_controller, at_controller - at_client)
         else:
@@ -77,7 +77,7 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate for changing drift: the middle between the bounds in each time segment."""
+        """Return an estimate for a drift that changes: the middle between the bounds in each time segment."""
         most, least = self._most.lowest, self._least.lowest
         middles, error = {}, 0
         for segment in sorted(most.keys() & least.keys()):
@@ -117,7 +117,7 @@ class _UpperBound:
 
 
 class _OffsetBounds:
-    """Bounds for the clock offset. Private methods use times since `_began` and offsets from `_offset`."""
+    """Bounds for the clock offset. Private methods count times from `_began` and offsets from `_offset`."""
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
         self._began = min(most[0][0], least[0][0])
@@ -174,7 +174,9 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound` at which the concave `value`, as at `sound`, is not negative."""
+    """Return the number nearest to `bound` at which the concave function `value` is not negative. At `sound`,
+    the function is not negative.
+    """
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

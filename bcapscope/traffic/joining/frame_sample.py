@@ -15,14 +15,14 @@ FEWEST_SHARED = 4
 """Minimum number of frames that two samples of the same conversation have in common."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum difference in ns between the time offset of one frame, from the first to the second capture, and
-the median. A larger difference shows different frames with equal bytes, such as polls with a reused serial.
+"""Maximum deviation in ns of a frame's time offset, from the first to the second capture, from the median
+offset. A larger deviation shows different frames with equal bytes, such as polls with a reused serial.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures whose times do not overlap: the minimum number and the minimum fraction
-of frames in common, and the maximum median deviation from the median offset, ns. Such captures share frames
-if a clock was wrong. If a program was executed twice, its port, values or pauses normally differ.
+"""Conditions for joining two captures whose times do not overlap, because one clock was wrong: the minimum
+number and fraction of common frames, and the maximum median deviation from the median offset, ns. If instead
+a program was executed twice, the port, the values or the pauses of the two executions normally differ.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
@@ -35,9 +35,9 @@ class SharedConversation(NamedTuple):
     """A conversation that two captures hold.
 
     Attributes:
-        ends: The ends in the first and in the second capture, which differ if a proxy or a router is between.
+        ends: The ends in the first and in the second capture. They differ if a proxy or router is between.
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
-        request_offset: Offset measured on requests only; None if the captures have none in common.
+        request_offset: Offset measured on requests only; None if the captures have no request in common.
         is_sure: Whether the evidence suffices even if the clocks say that the captures do not overlap.
     """
 

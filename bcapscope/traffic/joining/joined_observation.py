@@ -20,9 +20,9 @@ class CapturePlace(IntEnum):
 
 
 class JoinedObservation(Observation):
-    """One frame of a conversation that was captured at two places. A sighting is the frame as captured at one
-    place; it is None if that place lacks the frame. The inherited fields are from the sighting at the
-    client's side or, without it, at the controller's side. The endpoints in `flow` are usually those at the
+    """One frame of a conversation that was captured at two places. `at_client` and `at_controller` are the
+    sightings at the two places; None if a place lacks the frame. The inherited fields come from `at_client`
+    or, if `at_client` is None, from `at_controller`. The endpoints in `flow` are usually those at the
     client's side.
 
     Attributes:
@@ -95,7 +95,7 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a copy of `joined`, which was captured only at the controller's side, with another number."""
+    """Return a copy with another number of `joined`, a frame captured only at the controller's side."""
     assert joined.at_client is None
     assert joined.at_controller is not None
     copy = joined._replace(number=number)

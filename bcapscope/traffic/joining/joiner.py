@@ -24,7 +24,7 @@ HELD_UNANSWERED_NS = 5_000_000_000
 """The same without any reply. A client whose requests were dropped retries within `RETRY_WITHIN_NS`."""
 
 MAX_WAITING = 32768
-"""Beyond this number of waiting observations, all held conversations are decided immediately."""
+"""Beyond this number of waiting observations, the joiner immediately decides which conversations to join."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
@@ -39,10 +39,10 @@ MAX_NEW = 1024
 MAX_SUSPECTS = 32
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of remembered conversations. Beyond the limit, the joiner forgets all of them."""
+"""Maximum number of remembered conversations. Beyond the limit, the joiner forgets all conversations."""
 
 MAX_JOINED = 256
-"""Maximum number of joined conversations. Beyond the limit, the joiner stops joining the oldest one."""
+"""Maximum number of joined conversations. Beyond this limit, joining ends for the oldest conversation."""
 
 MAX_SENDERS = 16
 
@@ -90,10 +90,10 @@ class _NewConversation:
 class Joiner(LegJoiner):
     """Finds and joins the two legs of a proxied conversation, which a capture holds as two conversations.
 
-    The joiner delays a new conversation by at most `HELD_NS`, or `HELD_UNANSWERED_NS` without a reply, while
-    its second leg may still appear. It returns observations of joined conversations as `JoinedObservation`,
-    and all others unchanged. Callers need not add observations of the flows in `passing`, whose conversations
-    have no second leg, because `add` would return each one immediately.
+    The joiner holds a new conversation for at most `HELD_NS`, or `HELD_UNANSWERED_NS` if there is no reply,
+    while the second leg may still appear. The joiner returns observations of joined conversations as
+    `JoinedObservation`, and all other observations unchanged. Conversations of the flows in `passing` have no
+    second leg. Callers need not add their observations, because `add` would return each one immediately.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Joiner(LegJoiner):
 
         Args:
             comments: Comments on the latest packets, by packet number.
-            only: The only place whose observations the joiner returns, unjoined; None to join both places.
+            only: Place whose observations the joiner returns, without joining; None to join both places.
         """
         notes = {} if comments is None else comments
         super().__init__(lambda observation: notes.get(observation.packet, ()))
@@ -194,7 +194,7 @@ class Joiner(LegJoiner):
             self._decide(new)
 
     def _find_suspects(self, new: _NewConversation, request: Observation) -> None:
-        """Note which other conversations have the same request as the new conversation."""
+        """Note which other conversations contain the request of the new conversation."""
         for sender in self._note_sender(request):
             if not may_be_twins(sender, new.conversation):
                 continue
@@ -205,7 +205,7 @@ class Joiner(LegJoiner):
                 new.add_suspect(sender)
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request. Return the others with a request of the same bytes."""
+        """Remember the conversation of a request. Return the other conversations with the same request."""
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -240,7 +240,7 @@ class Joiner(LegJoiner):
             self._merge(each)
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Remove a conversation from the joiner's tables; move its waiting observations to `twin.held`."""
+        """Remove a conversation from the joiner's tables. Move its waiting observations to `twin.held`."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -252,7 +252,9 @@ class Joiner(LegJoiner):
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the two legs, the client's first. `calls` nested calls suffice; 0 for `fewest_calls`."""
+        """Return the client's and the controller's leg; None if there is no pair. The legs need at least
+        `calls` nested calls; 0 for the number that `fewest_calls` returns.
+        """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         waiting = self._waiting_traffic(new.suspects)
         for suspect in new.suspects:
@@ -270,7 +272,7 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the undelivered observations of each released conversation in `suspects`. If the proxy
+        """Return the waiting observations of the suspects that counted as having no second leg. If the proxy
         dropped the client's first request, the client's leg begins long before the controller's leg.
         """
         single = {each for each in suspects if each in self._single and each not in self._shown_legs}
@@ -327,7 +329,7 @@ class Joiner(LegJoiner):
 
 
 def _joined_conversation(first: Conversation, side: CaptureSide) -> Conversation:
-    """Return the conversation at the client's side, of which `side` was captured first."""
+    """Return the conversation at the client's side. `side` says where conversation `first` was captured."""
     ends = side.twins.client_ends
     if side.place is CapturePlace.CLIENT_SIDE or ends is None:
         return first

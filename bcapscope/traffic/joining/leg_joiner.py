@@ -12,7 +12,7 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class RelayedObservation(Observation):
-    """A frame on one leg of a proxy. `note` says what a rule of the proxy did to it, if anything."""
+    """A frame on one leg of a proxy. `note` says what a rule of the proxy did to the frame, if anything."""
 
     note: Message | None
 
@@ -41,7 +41,7 @@ class DeliveryQueue:
         return due
 
     def find(self, conversations: Container[Conversation]) -> dict[Conversation, list[Observation]]:
-        """Return the waiting observations of each conversation, in order of time."""
+        """Return the waiting observations of each of these conversations, in order of time."""
         found: dict[Conversation, list[Observation]] = {}
         for _, _, each in sorted(
             each for each in self._waiting if each[2].flow.conversation in conversations
@@ -64,8 +64,9 @@ class DeliveryQueue:
 class LegJoiner:
     """Joins the legs that the caller names, and returns all observations in order of time.
 
-    A frame on one leg waits at most `JOIN_WITHIN_NS` for the same frame on the other leg. All later
-    observations wait behind it. Up to the time `delivered_until`, ns since 1970, all were returned.
+    A frame on one leg waits at most `JOIN_WITHIN_NS` for the same frame on the other leg. Meanwhile, all
+    later observations wait too. The joiner has returned all observations up to the time `delivered_until`, ns
+    since 1970.
     """
 
     def __init__(self, notes_of: Callable[[Observation], Iterable[str]] = _notes_of_relay) -> None:
@@ -79,7 +80,7 @@ class LegJoiner:
 
     @property
     def is_idle(self) -> bool:
-        """True if the joiner joins and holds nothing, so that callers need not call `add`."""
+        """True if the joiner joins no legs and holds no observations. Callers then need not call `add`."""
         return not (self._mergers or self._queue)
 
     def join(self, client_leg: Conversation, controller_leg: Conversation) -> None:
@@ -129,7 +130,7 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to a time, or before a frame that waits for its second sighting."""
+        """Return the observations up to the time `until`, or before a frame that waits for the other leg."""
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending

@@ -13,20 +13,22 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObs
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns between two sightings, above a proxy's delay faults. Then the frame counts as lost."""
+"""Maximum time in ns between two sightings of a frame; longer than a proxy's delay faults. A frame without a
+second sighting then counts as lost.
+"""
 
 MAX_PENDING = 65536
-"""Beyond this number of frames that wait for their second sighting, the oldest stops waiting."""
+"""Maximum number of frames that wait for a second sighting. Beyond the limit, the oldest stops waiting."""
 
 MAX_COMPARED = 1024
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames to remember. They may still arrive, as when you release a held message."""
+"""Maximum number of lost frames to remember. A lost frame may be a held message that you release later."""
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Times of the first and last packet of a capture, ns since 1970; None for no limit."""
+    """Times of the first and last packet of a capture, ns since 1970; None if there is no limit."""
 
     begins: int | None = None
     ends: int | None = None
@@ -66,7 +68,7 @@ class _Waiting:
 
 
 class PlaceMerger:
-    """Merges the observations of one conversation from two places. Add them in order of time.
+    """Merges the observations of one conversation from two places. Callers add observations in order of time.
 
     The merger recognises a frame by its direction and bytes, or by its serial if a proxy changed the bytes.
     """
@@ -227,7 +229,7 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add this sighting at the controller's side to a request that counted as lost; return True if so."""
+        """If a request counted as lost, add this sighting at the controller's side. Return True if so."""
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False

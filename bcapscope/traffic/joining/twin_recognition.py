@@ -9,7 +9,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
 """Number of nested calls (see `NestedCalls`) for joining two conversations immediately. Without a proxy, two
-clients that start the same program together are very unlikely to produce as many.
+clients that start the same program together are very unlikely to produce this number of nested calls.
 """
 
 FEWEST_CALLS = 2
@@ -22,15 +22,16 @@ _REQUEST = Direction.REQUEST
 
 
 class NestedCalls(NamedTuple):
-    """How well the calls of an inner conversation are nested in the calls of an outer conversation, as on the
-    controller's and the client's leg of a proxy.
+    """How well the calls of an inner conversation are nested in the calls of an outer conversation. A proxy's
+    controller leg is an inner conversation, and its client leg is the outer conversation.
 
     Equal bytes identify the same frame in both conversations. In a nested call, the outer request comes
     before the inner request, and the inner reply comes before the outer reply.
 
     Attributes:
         lag: Total time in ns that requests took from the outer to the inner conversation.
-        is_contradicted: Whether a request came first in the inner, or a reply in the outer conversation.
+        is_contradicted: Whether a request came first in the inner conversation, or a reply came first in the
+            outer conversation.
     """
 
     calls: int
@@ -55,7 +56,7 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls show two legs of a proxy; None if the interface names rule them out."""
+    """Return how many nested calls prove two legs of a proxy; None if the interface names exclude a proxy."""
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
         return 1 if are_legs else None
