@@ -1,4 +1,5 @@
-"""The traffic screen, with keys to navigate, mark, save and open; and the screen of a simulator's traffic."""
+"""The traffic screen, with keys to navigate, mark, save and open. Also the screen of a simulator's traffic.
+"""
 
 from __future__ import annotations
 
