@@ -35,9 +35,7 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Time limit in seconds for all `closers` together. After this time, the screen closes even if a closer still
-runs.
-"""
+"""Time limit in seconds for all `closers` together. Then the screen closes, even if a closer still runs."""
 
 HALT_KEY_WINDOW = 0.5
 """Minimum time in seconds from a halt by the terminal driver to another halt by `action_halt`."""

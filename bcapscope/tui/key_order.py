@@ -1,8 +1,8 @@
 """Handles keys one after the other. A key goes to the widget that has the focus after the previous key.
 
-Textual alone chooses a key's widget too early: when it reads the key, although an earlier key may still move
-the focus. Fast typing, pasting and remote terminals can deliver `/` and letters at once. The letters would
-then not reach the input field that `/` opens.
+Textual chooses the widget for a key as soon as it reads the key, but an earlier key may still move the focus.
+Fast typing, pasting and remote terminals can deliver `/` and letters at once. The letters would not reach the
+input field that `/` opens.
 """
 
 from __future__ import annotations

@@ -16,8 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Replace or create a file. Create missing parent folders. After an `OSError`, the old file is unchanged.
-    """
+    """Write a file, and create missing parent folders. After an `OSError`, the old file is unchanged."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:

@@ -46,8 +46,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 
         def _sigcont_application(self, *arguments: Any) -> None:
             """Take over the terminal again, unless it no longer exists. Without `suspend_application_mode`,
-            Textual would start a second reading thread and a second writing thread, and never end the first
-            ones.
+            Textual would start another reading and another writing thread, and never end the first two.
             """
             if not os.isatty(self.fileno):
                 return
@@ -125,8 +124,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Write U+FFFD in each column of an unprintable character. Control characters have no column and vanish.
-    """
+    """Replace each unprintable character with one U+FFFD per column, or remove it if it fills no column."""
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
         for char in text

@@ -47,8 +47,7 @@ class BuiltInSimulator(NamedTuple):
 
 @contextmanager
 def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSimulator]:
-    """Run the built-in simulator during the `with` block; raises `OSError` if the simulator does not start.
-    """
+    """Run the built-in simulator during the `with` block; raises `OSError` if the start fails."""
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, profile],
         stdin=subprocess.PIPE,

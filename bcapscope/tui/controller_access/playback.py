@@ -89,7 +89,7 @@ class PreparedTrajectory:
 
 
 def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
-    """Read, resample and check a trajectory. These steps can take long. `type_name` is the type of the robot;
+    """Read, resample and check a trajectory. These steps can take long. `type_name` is the robot's type;
     empty if unknown. Raises `TrajectoryError` if the file lacks the trajectory, or `ValueError` for invalid
     limits.
     """
@@ -186,8 +186,7 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a player's message. If the player asks whether to begin, return the answer; otherwise None.
-        """
+        """Store a player's message. If the player asks whether to begin, return the answer, else None."""
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
                 self.progress = message

@@ -208,8 +208,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def show_end(self, last_line: str) -> None:
-        """Show that the proxy has ended. `last_line` is the proxy's last output; "" if the proxy was killed.
-        """
+        """Show that the proxy has ended. `last_line` is the proxy's last output; "" for a killed proxy."""
         self._has_ended = True
         self._problem = label("proxy.ended", reason=printable(last_line) or label("proxy.killed"))
         app_of(self).show_message(self._problem, "error")
