@@ -183,7 +183,7 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
 
 def proposed_edit(data: bytes, offset: int) -> str:
     """Return an edit such as ``set arg[2]=0`` with the present value of an argument: the argument at a byte
-    offset, otherwise the last argument. Return "" if no argument can be written as text.
+    offset, otherwise the last one. Skip arguments that cannot be written as text; return "" if none remains.
     """
     frame = next(iter(parse_datagram(data)), None)
     if not isinstance(frame, Frame) or frame.problems:

@@ -1,5 +1,5 @@
 """The themes. No theme conveys anything by colour alone. The theme "safe" is for people with any kind of
-colour vision. Its colours come from Okabe and Ito 2008, "Color Universal Design".
+colour vision. The colours of "safe" come from Okabe and Ito 2008, "Color Universal Design".
 """
 
 from __future__ import annotations

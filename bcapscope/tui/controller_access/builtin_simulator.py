@@ -30,7 +30,7 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Degrees as VT_R4 values: the position after slvMove in DENSO Wave 2009, How to use the Slave mode."""
+"""Joints in degrees (VT_R4): the position after slvMove in DENSO Wave 2009, How to use the Slave mode."""
 
 END_TIMEOUT = 2.0
 """Maximum time in seconds for the simulator to end; then bcapscope kills the simulator."""

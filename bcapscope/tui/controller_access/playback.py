@@ -61,7 +61,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield how bcapscope read the file, the file's trajectories, and the result of the check."""
+        """Yield how bcapscope read the file, the file's trajectories, and the pre-flight result."""
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -212,7 +212,7 @@ class PlaybackRun:
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
         """Number of buffer slots in the controller, duration of a full buffer (ms), and duration left after
-        the longest pause (ms). The model assumes that the controller takes one set point every 8 ms. The
+        the longest pause (ms). bcapscope assumes that the controller takes one set point every 8 ms. The
         result is None before the second set point, or if the slave mode allows an empty buffer.
         """
         mode = None if self.peer is None else self.peer.slave_mode

@@ -198,7 +198,7 @@ class TrafficViews(ViewsScreen):
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame at the cursor at once, so that Textual draws list and frame together."""
+        """Show the selected frame at once, so that Textual draws list and frame together."""
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
