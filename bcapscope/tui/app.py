@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Time limit in seconds for all `closers` together. The screen then closes even if one of them still runs."""
+"""Time limit in seconds for all `closers` together. Then the screen closes, even if a closer still runs."""
 
 HALT_KEY_WINDOW = 0.5
 """Minimum time in seconds from a halt by the terminal driver to another halt by `action_halt`."""
@@ -44,7 +44,7 @@ TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""A collection delays keys by 1 ms for new, by 30 ms for older, and by 50 ms for all objects."""
+"""A garbage collection delays keys by 1 ms (new objects), 30 ms (also older objects) or 50 ms (all)."""
 
 
 class ScreenEntry(NamedTuple):
@@ -103,7 +103,7 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        # Textual starts tasks eagerly in Python 3.12 and later; an `Input` would raise ScreenStackError
+        # Avoid Textual's eager tasks (Python 3.12 and later), in which an `Input` raises ScreenStackError.
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
@@ -130,7 +130,7 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Quit if the terminal closed without SIGHUP, because Textual would read from it in a busy loop."""
+        """Quit if the terminal closed without SIGHUP: Textual would read a closed terminal in a busy loop."""
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
 
@@ -153,8 +153,8 @@ class BcapApp(KeyOrderApp):
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
-        """Register a callback that stops motion without waiting, and returns whether it stopped a motion. Any
-        thread may call the callback, which must not raise an exception.
+        """Register a callback that stops motion without waiting. The callback returns True if it stopped a
+        motion. Any thread may call the callback, which must not raise an exception.
         """
         self._halts.append(halt)
 
@@ -212,7 +212,7 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def add_recent(self, item: str, recent: list[str]) -> None:
-        """Put an item in front of one of the lists in the settings, and save the settings."""
+        """Put an item first in `recent`, a list of the settings, and save the settings."""
         recent[:] = with_recent(item, recent)
         self.save_settings()
 

@@ -1,7 +1,7 @@
-"""Ink marks: control characters in rendered lines, each of which sets the style of the text after it.
+"""Ink marks: control characters in rendered lines. A mark sets the style of the text after the mark.
 
-Renderers write the style codes of a `Palette`; those of the palette `INK` are ink marks. Text from the wire
-cannot contain ink marks, because bcapscope escapes its control characters.
+Renderers write the style codes of a `Palette`. In the palette `INK`, these codes are ink marks. bcapscope
+escapes control characters in text from the wire, so this text cannot contain ink marks.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Handles keys strictly one after the other, each by the widget that has the focus after the previous key.
+"""Handles keys one after the other. A key goes to the widget that has the focus after the previous key.
 
-Textual chooses the widget when it reads a key, but the widget handles the key later. Fast typing, pasting and
-remote terminals can deliver `/` and letters in one packet. The letters would then not reach the input field
-that `/` opens.
+Textual chooses the widget for a key as soon as it reads the key, but an earlier key may still move the focus.
+Fast typing, pasting and remote terminals can deliver `/` and letters at once. The letters would not reach the
+input field that `/` opens.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Maximum time in seconds that keys wait for the previous key, whose widget may no longer exist."""
+"""Maximum time in seconds that a key waits for the previous key to be handled."""
 
 _MOUNT_POLL_INTERVAL = 0.02  # seconds
 
@@ -57,7 +57,7 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver an event; after a printable key for an input field, deliver the next event at once."""
+        """Deliver an event. If it is a printable key for an input field, deliver the next event at once."""
         while True:
             target = self.focused or self.screen
             await super().on_event(event)
@@ -80,7 +80,7 @@ class KeyOrderApp(App[None]):
         self.call_later(self._deliver_next, message)
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """Deliver the next key as soon as a screen that the previous key opened is mounted."""
+        """Deliver the next key. If the previous key opened a screen, wait until this screen is mounted."""
         if marker is not self._pending:
             return
         if not self._queued_events:

@@ -20,7 +20,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
-_SILENT_AFTER = 1.0  # seconds without data from the controller, although the client still sends
+_SILENT_AFTER = 1.0  # seconds by which the client's latest data is newer than the controller's
 
 _MAX_MESSAGES = 5000
 
@@ -164,9 +164,9 @@ _BARE = re.compile(r'[^\s"]+')
 
 
 def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
-    """Apply the user's edit to a held message: new bytes in hex, or changes in the notation of the fault
-    ``rewrite``, such as ``set arg[2]=0 serial 7``. Raises `ValueError`, whose text says what is wrong, if the
-    edit is invalid or changes nothing.
+    """Apply the user's edit to a held message. The edit is the new bytes in hex, or changes in the notation
+    of the fault ``rewrite``, such as ``set arg[2]=0 serial 7``. Raises `ValueError` if the edit is invalid or
+    changes nothing.
     """
     if not text.strip():
         raise ValueError(label("proxy.edit.empty"))
@@ -182,8 +182,8 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return an edit such as ``set arg[2]=0`` with the present value of the argument at a byte offset, or of
-    the last argument if none is there; "" if no argument can be written as text.
+    """Return an edit such as ``set arg[2]=0`` with the present value of an argument: the argument at a byte
+    offset, otherwise the last one. Skip arguments that cannot be written as text; return "" if none remains.
     """
     frame = next(iter(parse_datagram(data)), None)
     if not isinstance(frame, Frame) or frame.problems:

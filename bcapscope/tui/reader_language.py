@@ -1,4 +1,4 @@
-"""The language of the screen, and labels, which are messages whose ids begin with a screen or widget."""
+"""The language of the screen, and the labels: messages that the screen shows in this language."""
 
 from __future__ import annotations
 

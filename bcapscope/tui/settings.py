@@ -16,7 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Replace or create a file, with its parent folders. An `OSError` leaves the old file unchanged."""
+    """Write a file, and create missing parent folders. After an `OSError`, the old file is unchanged."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -63,7 +63,7 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Put `item` in front of the other items of `recent`, but return at most `MAX_RECENT` items."""
+    """Return `recent` with `item` in front, shortened to `MAX_RECENT` items."""
     if any("\ud800" <= letter <= "\udfff" for letter in item):  # YAML cannot store a lone surrogate
         return recent
     return [item, *(each for each in recent if each != item)][:MAX_RECENT]

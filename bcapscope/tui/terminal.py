@@ -27,7 +27,7 @@ HALT_KEYS = ("f12", "ctrl+backslash")
 
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
     """Return a terminal driver whose reading thread calls `halt` as soon as it reads a HALT key. The driver
-    discards its output once the terminal is gone, and takes over the terminal again after SIGCONT.
+    discards output after the terminal has closed. After SIGCONT, the driver takes over the terminal again.
     """
 
     class HaltDriver(driver):  # type: ignore[valid-type, misc]  # the base class varies
@@ -46,7 +46,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 
         def _sigcont_application(self, *arguments: Any) -> None:
             """Take over the terminal again, unless it no longer exists. Without `suspend_application_mode`,
-            Textual would start second reading and writing threads, of which it later ends only one.
+            Textual would start another reading and another writing thread, and never end the first two.
             """
             if not os.isatty(self.fileno):
                 return
@@ -59,7 +59,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 
 
 class _HangupSafeFile:
-    """Discards data after the terminal has gone, because an error would end Textual's writing thread."""
+    """Discards data after the terminal has closed. An error would end Textual's writing thread."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
@@ -76,8 +76,8 @@ class _HangupSafeFile:
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
     """Extend a browser driver, so that the event loop calls `on_end` when the viewer or the web server is
-    gone. Textual's own browser driver would raise an error or continue to run unseen. Return any other driver
-    unchanged.
+    gone. Textual's own browser driver would raise an error, or the screen would continue to run unseen.
+    Return any other driver unchanged.
     """
     if not issubclass(driver, WebDriver):
         return driver
@@ -124,7 +124,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each unprintable character with one U+FFFD per column; a control character has no column."""
+    """Replace each unprintable character with one U+FFFD per column, or remove it if it fills no column."""
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
         for char in text

@@ -1,5 +1,5 @@
-"""The themes, none of which conveys anything by colour alone. "safe" is for people with any kind of colour
-vision, and has the colours of Okabe and Ito 2008, "Color Universal Design".
+"""The themes. No theme conveys anything by colour alone. The theme "safe" is for people with any kind of
+colour vision. The colours of "safe" come from Okabe and Ito 2008, "Color Universal Design".
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ block-cursor-foreground          #ffffff             #000000             #ffffff
 block-cursor-blurred-background  #2a323c             #e0e4e0             #303030
 block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
 """
-"""Each row is a colour, each column a theme. The rows "ink-…" are styles of rendered lines."""
+"""Each row is one colour, and each column is one theme. The rows "ink-…" are styles of rendered lines."""
 
 _VARIABLE_PREFIXES = ("ink-", "border", "block-")  # variables of the style sheet
 

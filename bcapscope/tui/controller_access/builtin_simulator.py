@@ -30,10 +30,10 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Degrees as VT_R4 values: the position after slvMove in DENSO Wave 2009, How to use the Slave mode."""
+"""Joints in degrees (VT_R4): the position after slvMove in DENSO Wave 2009, How to use the Slave mode."""
 
 END_TIMEOUT = 2.0
-"""Seconds after which bcapscope kills the simulator."""
+"""Maximum time in seconds for the simulator to end; then bcapscope kills the simulator."""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"
@@ -47,7 +47,7 @@ class BuiltInSimulator(NamedTuple):
 
 @contextmanager
 def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSimulator]:
-    """Run the built-in simulator while the `with` block runs; raises `OSError` if it does not start."""
+    """Run the built-in simulator during the `with` block; raises `OSError` if the start fails."""
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, profile],
         stdin=subprocess.PIPE,

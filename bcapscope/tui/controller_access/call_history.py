@@ -74,8 +74,8 @@ def _argument_text(record: HistoryRecord) -> str:
 
 
 def history_filter(text: str) -> RecordFilter:
-    """Return a filter for words that the line of a call must contain, or for a filter expression. With an
-    empty text, the filter selects only calls of the user. Raises `FilterError` for an invalid expression.
+    """Return a filter for words that the line of a call must contain, or for a filter expression. An empty
+    text selects the calls that the user made. Raises `FilterError` for an invalid expression.
     """
     words = text.casefold().split()
     if not words:

@@ -1,6 +1,6 @@
-"""Parses the text in the Option field of the connection, which b-CAP Tester also has. The text consists of
-settings such as ``Timeout=300``, separated by commas. bcapscope sends some of them to the controller, with
-Service_Start or Controller_Connect, and applies all others itself.
+"""Parses the text in the Option field of the connection form. b-CAP Tester has the same field. The text
+consists of settings such as ``Timeout=300``, separated by commas. bcapscope sends settings for the controller
+with Service_Start or Controller_Connect. All other settings, such as ``Timeout``, affect only bcapscope.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from bcapscope.tui.reader_language import label
 _SERVICE_KEYS = ("wdt", "invoketimeout")
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
-"""Names of the providers that bcapscope tries in this order if the user names none. The first provider is for
-RC8 and COBOTTA, the second for RC9 and COBOTTA PRO. An RC7 ignores the provider's name.
+"""Names of providers. If the user names no provider, bcapscope tries these names in this order. The first
+provider is for RC8 and COBOTTA, the second for RC9 and COBOTTA PRO. An RC7 ignores the provider's name.
 """
 
 
 def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[ControllerTarget, tuple[str, ...]]:
-    """Parse the Option field. Return the target, and the names of the providers to try.
+    """Parse the Option field. Return the controller to connect to, and the names of the providers to try.
 
     Raises:
         ValueError: A setting is invalid. The error text quotes the setting, and says what is expected.

@@ -45,15 +45,15 @@ class PlaybackSettings:
     index: int  # number of the trajectory in the file, from 1
     mode: SlaveModePacing | int
     interval: float  # cycle time in ms
-    speed: float  # divided by the speed in the file
+    speed: float  # factor for the speed in the file; 1 for the same speed
     rounds: int  # 0 repeats until stopped
-    always_resample: bool  # even if speed and interval are the same as in the file
+    always_resample: bool  # resample even if `speed` is 1
     limits: tuple[str, ...]  # in the notation of `player.arm_limits.with_limits`
 
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play. Its pre-flight check does not know the robot's position yet."""
+    """A trajectory that is ready to play. The check in `preflight` does not know the robot's position yet."""
 
     settings: PlaybackSettings
     all_trajectories: tuple[Trajectory, ...]
@@ -61,7 +61,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield how bcapscope read the file, its content, and the problems that prevent playing."""
+        """Yield how bcapscope read the file, the file's trajectories, and the pre-flight result."""
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -72,7 +72,7 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """`armed`: the user confirmed that the robot may move. `record`: a new file for a recording."""
+        """Set `armed` if the user confirmed that the robot may move. `record` is a new recording."""
         settings, trajectory = self.settings, self.trajectory
         return PlayPlan(
             target=target,
@@ -89,8 +89,9 @@ class PreparedTrajectory:
 
 
 def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
-    """Read, resample and check a trajectory, which can take long. `type_name` is the type of the robot; empty
-    if unknown. Raises `TrajectoryError` if there is no trajectory, or `ValueError` for invalid limits.
+    """Read, resample and check a trajectory. These steps can take long. `type_name` is the robot's type;
+    empty if unknown. Raises `TrajectoryError` if the file lacks the trajectory, or `ValueError` for invalid
+    limits.
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):
@@ -132,7 +133,7 @@ class PlayerSlot:
             raise
 
     async def next_messages(self) -> list[PlayerMessage]:
-        """Wait `POLL_SECONDS` at most for messages. The last one is always a `PlayEnded`."""
+        """Wait at most `POLL_SECONDS` for messages. A player's last message is always a `PlayEnded`."""
         async with self._read_lock:
             if self._player is not None:
                 return await asyncio.to_thread(self._player.wait_for_messages, POLL_SECONDS)
@@ -185,7 +186,7 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a message of the player. Return the answer to a question that needs no user."""
+        """Store a player's message. If the player asks whether to begin, return the answer, else None."""
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
                 self.progress = message
@@ -211,8 +212,8 @@ class PlaybackRun:
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
         """Number of buffer slots in the controller, duration of a full buffer (ms), and duration left after
-        the longest pause (ms), according to a model that takes one set point every 8 ms. None before the
-        second set point, or if the slave mode allows an empty buffer.
+        the longest pause (ms). bcapscope assumes that the controller takes one set point every 8 ms. The
+        result is None before the second set point, or if the slave mode allows an empty buffer.
         """
         mode = None if self.peer is None else self.peer.slave_mode
         progress = self.progress

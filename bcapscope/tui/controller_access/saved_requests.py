@@ -6,7 +6,7 @@
     - i4:2
     note: slave mode with joints
 
-The file omits the handle, because the request uses the object that is selected when the user sends it.
+The file contains no handle: when the user sends the request, bcapscope adds the selected object's handle.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from bcapscope.tui.reader_language import full_error_text
 from bcapscope.tui.settings import write_atomically
 
 MAX_FILE_SIZE = 100_000
-"""Maximum size in bytes of a file."""
+"""Maximum size of a file in bytes."""
 
 _UNSAFE = re.compile(r"[^\w .-]+")
 _SUFFIX = ".yaml"
@@ -49,7 +49,7 @@ class _RequestFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=Tru
 
 
 class SavedRequest(NamedTuple):
-    name: str  # of the file, without its extension
+    name: str  # name of the file, without the extension
     function: Function
     values: tuple[Variant, ...]  # arguments without the handle
     note: str = ""
@@ -72,7 +72,7 @@ def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
 
 
 def load_request(path: Path) -> SavedRequest:
-    """Read one file; raises `SavedRequestError`, whose text names an invalid field."""
+    """Read one file; raises `SavedRequestError`, whose text says what is wrong with the file."""
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_SIZE + 1)

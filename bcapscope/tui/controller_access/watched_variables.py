@@ -75,7 +75,7 @@ class WatchedVariable:
 
 
 def _numbers(variant: Variant) -> list[float]:
-    """Return the numbers in a value; [] if one of its elements is no number."""
+    """Return the numbers in a value; [] if the value or an element of the value is not a number."""
     values = variant.value if isinstance(variant.value, tuple) else (variant.value,)
     numbers = [float(each) for each in values if isinstance(each, bool | int | float)]
     return numbers if len(numbers) == len(values) else []

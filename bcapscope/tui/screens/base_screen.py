@@ -1,4 +1,4 @@
-"""Base classes of the screens, with bars, help and command palette, or with several views. Also a prompt."""
+"""Base classes of all screens, and of screens with several views. Also help, command palette and a prompt."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        # Textual would set the style classes that depend on the terminal width only after the first layout.
+        # Set the style classes for this terminal width now. Textual sets them only after the first layout.
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
         yield TopBar()
@@ -151,10 +151,10 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        self.call_after_refresh(gc.freeze)  # a collection that scans the widgets would delay keys
+        self.call_after_refresh(gc.freeze)  # then garbage collections skip the widgets, and delay keys less
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        event.refresh_styles = False  # each widget has the right styles, even after a change of theme
+        event.refresh_styles = False  # each widget already has the right styles, even after a change of theme
 
     def call_in_screen(self, function: Callable[..., object], *arguments: object) -> None:
         """Call a function in the screen's thread, without waiting. Any thread may call this method."""
@@ -189,7 +189,7 @@ class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
     The content of a subclass must include a `ViewBar`, an `InkedText` with the id ``head`` for column titles,
-    and a `Switcher` with one list per view, whose id is the name of the view.
+    and a `Switcher` with one list per view. The id of a list is the name of the view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]

@@ -1,4 +1,4 @@
-"""How a frame relates to other frames: its description, its request or reply, filters for related frames."""
+"""Describe a frame, find the frame's request or reply, and make filters for related frames."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Return the number of the frame's reply or request, or None and the id of a label that says why."""
+    """Return the number of the frame's partner (request or reply), or None and the label id of the reason."""
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
     attempts = [seen.number for seen in settled.attempts]
@@ -102,7 +102,7 @@ def _handle_of(settled: PairingResult | None) -> int | None:
 
 
 def find_frame(text: str, journal: ObservationStore) -> int | None:
-    """Find a frame by its number, or by a time in seconds after the start, such as ``12.5s``. The result is
+    """Find a frame by its number, or by a time in seconds after the start, such as ``12.5s``. A time selects
     the first frame at or after this time. A number or time that is too large selects the last frame.
     """
     text = text.strip()

@@ -85,7 +85,7 @@ class ProxyScreen(ViewsScreen):
         child: ChildProcess | None = None,
         note: str = "",
     ) -> None:
-        """Control the proxy whose control socket has this address.
+        """Control the proxy whose control socket has the address `address`.
 
         Args:
             route: Text with the proxy's listening address and the controller's address.
@@ -208,7 +208,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def show_end(self, last_line: str) -> None:
-        """Show that the proxy has ended. `last_line` is the last line it printed; "" if it was killed."""
+        """Show that the proxy has ended. `last_line` is the proxy's last output; "" for a killed proxy."""
         self._has_ended = True
         self._problem = label("proxy.ended", reason=printable(last_line) or label("proxy.killed"))
         app_of(self).show_message(self._problem, "error")
@@ -316,7 +316,7 @@ class ProxyScreen(ViewsScreen):
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:
-        """Propose an edit of the argument under the tree's cursor."""
+        """Propose an edit of the argument under the cursor of the field tree."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))

@@ -58,7 +58,7 @@ _EXECUTE_CONTROLLER = 17
 
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
-_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"  # not the main widget of an area
+_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"  # `_focus_first_in` skips these widgets
 
 
 class TesterOptions(NamedTuple):
@@ -216,7 +216,7 @@ class TesterScreen(BaseScreen):
     @on(ConnectWanted)
     @work(group="connect")
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
-        """Connect to a controller; if it is the built-in simulator and has exited, restart it first."""
+        """Connect to a controller. Restart the built-in simulator first if it was chosen but has exited."""
         panel, own = self.query_one(ConnectionPanel), self._simulator
         if own and (wanted.host, wanted.port) == (own.host, own.port) and own.process.poll() is not None:
             panel.wait_for_address()
@@ -240,7 +240,7 @@ class TesterScreen(BaseScreen):
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the form that is needed next, unless the user has moved the focus to another area."""
+        """Focus the next form, unless the user has moved the focus out of the connection panel."""
         if self.focused is None or panel in self.focused.ancestors:
             for name in ("#robot-forms", "#panels"):
                 if self._focus_first_in(self.query_one(name)):

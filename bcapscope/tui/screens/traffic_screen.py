@@ -1,4 +1,4 @@
-"""The traffic screen, with keys to navigate, mark, save and open; and the screen of a simulator's traffic."""
+"""The traffic screen, with keys to navigate, mark, save and open. Also a simulator's traffic screen."""
 
 from __future__ import annotations
 

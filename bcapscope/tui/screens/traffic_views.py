@@ -41,7 +41,7 @@ from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Kind of record that the filter of a view tests, for each view that has a filter."""
 
-_NARROW_WIDTH = 100  # columns; below this width, the screen rounds large counts
+_NARROW_WIDTH = 100  # columns; a narrower screen rounds large counts
 
 
 class TrafficViews(ViewsScreen):
@@ -198,7 +198,7 @@ class TrafficViews(ViewsScreen):
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame. A watcher of `cursor`, so that Textual draws list and frame together."""
+        """Show the selected frame at once, so that Textual draws list and frame together."""
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
@@ -316,7 +316,7 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text; if `brief`, 10,000 and more as ``12k`` or ``1.2M``, rounded down."""
+    """Return a count as text. If `brief`, write 10,000 or more as ``12k`` or ``1.2M``, rounded down."""
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

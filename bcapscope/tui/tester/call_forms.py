@@ -52,8 +52,8 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Show what the typed command does, and fill in the parameter that was last sent with it. For a
-        command that was not sent yet, remove the parameter of the command that was sent last.
+        """Show what the typed command does, and fill in the parameter that was last sent with this command.
+        If this command was not sent yet, remove the parameter of the last sent command.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:

@@ -31,7 +31,7 @@ MAX_CALLS = 20_000
 """Maximum number of calls in the history; the oldest calls are dropped first."""
 
 MAX_BYTES = 32 << 20
-"""Size of the packets in the history beyond which a tenth of the calls is dropped, but never the latest."""
+"""Maximum size in bytes of the packets in the history; the oldest calls are dropped first."""
 
 
 class HistoryLines(ItemList[HistoryRecord]):
@@ -202,7 +202,7 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request, or to edit it first."""
+        """The user wants to send a saved request, or, with `edit`, to edit the request first."""
 
         saved: SavedRequest
         edit: bool

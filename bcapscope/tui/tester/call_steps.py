@@ -31,7 +31,7 @@ _MAX_NOTICE = 300
 
 
 class CallNotice:
-    """Shows the result of a call that does not come from a form as a temporary message."""
+    """Shows a call's result as a temporary message, if the call does not come from a form."""
 
     def __init__(self, app: BcapApp) -> None:
         self._app = app
@@ -53,7 +53,7 @@ class CallNotice:
 
 @dataclass
 class CallWanted(Message):
-    """The user wants to run a step. `done` is called after `step` returns a record, even of a failed call."""
+    """The user wants to run `step`. If `step` returns a record, even of a failed call, `done` is called."""
 
     result_display: ResultView | CallNotice
     step: CallStep
@@ -67,8 +67,8 @@ class ObjectMissingError(BcapError):
 def function_step(
     function: Function, values: tuple[Variant, ...], subject: ObjectHandle | None = None
 ) -> CallStep:
-    """Return a step that calls a function with the handle of `subject`, by default the selected object of the
-    function's class, and with `values`, the arguments without the handle.
+    """Return a step that calls a function with `values`, the arguments without the handle. The step adds the
+    handle of `subject`. If `subject` is None, the step uses the selected object of the function's class.
     """
 
     async def step(session: ControllerSession) -> HistoryRecord:
@@ -89,7 +89,7 @@ def repeating_step(record: HistoryRecord) -> CallStep:
 
 
 def opening_step(parent: ObjectClass, kind: ObjectClass, name: str, option: str) -> CallStep:
-    """Return a step that opens an object of the selected object of class `parent`, and selects a robot."""
+    """Return a step that opens an object below the selected `parent` object. A new robot is selected."""
 
     async def step(session: ControllerSession) -> HistoryRecord:
         if kind is ObjectClass.ROBOT:
@@ -101,7 +101,7 @@ def opening_step(parent: ObjectClass, kind: ObjectClass, name: str, option: str)
 
 
 def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHandle:
-    """Return the selected robot if `kind` is ROBOT, or the most recently opened object of a class."""
+    """Return the most recently opened object of class `kind`; for ROBOT, prefer the selected robot."""
     status = session.status
     found = status.robot if kind is ObjectClass.ROBOT else None
     found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
@@ -114,7 +114,7 @@ def _selected_object(session: ControllerSession, kind: ObjectClass) -> ObjectHan
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step. If it raises `NotArmedError`, ask the user to arm, then run it a second time."""
+    """Run a step. If the step raises `NotArmedError`, ask the user to arm, then run the step again."""
     try:
         return await session.run_in_loop(step(session))
     except NotArmedError:

@@ -29,7 +29,7 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose. The first choice must change nothing, because Enter selects it at first."""
+    """Asks the user to choose. The first choice must change nothing, because it has the focus at first."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -56,7 +56,7 @@ class ChoiceDialog(ModalScreen[str | None]):
 
 
 class ArmDialog(ChoiceDialog):
-    """Asks the user to arm; `facts` says which robot could move."""
+    """Asks the user to arm. `facts` are lines that say which robot could move."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
     LABELS = "tester.arm"
@@ -72,7 +72,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps of a recovery after an error. The first reads the errors before another clears them."""
+    """Shows the steps of a recovery. The first step reads the errors that a later step clears."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]
 

@@ -48,7 +48,7 @@ class OpenObjectRow(Horizontal):
         *,
         on_opened: Callable[[str], object] = lambda name: None,
     ) -> None:
-        """`on_opened` gets the name of an object of class `kind` after the request to open it."""
+        """After the request to open an object, `on_opened` gets the name of this object."""
         super().__init__(classes="row")
         self._parent_kind = parent
         self._kind = kind
@@ -76,7 +76,7 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, missing: str) -> ObjectHandle | None:
-        """Return the latest object with the name in the field; if there is none, show the text `missing`."""
+        """Return the newest object with the name in the field; if none is open, show the text `missing`."""
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
             is_owned = each.parent is not None and each.parent.kind is self._parent_kind
@@ -109,7 +109,7 @@ _NO_OPTION = Variant(VT.BSTR, "")
 
 
 class VariablePanel(Box):
-    """A form for variables of a controller, robot or task, whose buttons act on the variable in the field."""
+    """A form for variables of a controller, robot or task. The buttons act on the variable in the field."""
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str) -> None:
         super().__init__("tester.box.variable", id=id)
@@ -268,7 +268,7 @@ class FormTabs(Vertical):
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
-        """Fill the form of the call's function; if it is unknown, the form for raw packets."""
+        """Fill the form of the call's function. If no form fits the call, fill the form for raw packets."""
         function = FUNCTIONS.get(record.function_id)
         if function is None or len(function.params) != len(record.arguments):
             self.show_tab("raw")

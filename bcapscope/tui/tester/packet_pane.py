@@ -1,4 +1,4 @@
-"""The packet pane with SendData and ReceiveData, as in b-CAP Tester, and with the lists of the Tester."""
+"""The packet pane: SendData and ReceiveData as in b-CAP Tester, history, watch list and saved requests."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class PacketPane(Vertical):
         self._switch_view("sent")
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Add a completed call to the history; if the user made it, show its packets."""
+        """Add a completed call to the history. If the user made the call, show the call's packets."""
         self.query_one(HistoryPanel).add_record(record)
         if record.initiator is Initiator.USER:
             self.show_record(record, self.query_one("#overwrite", TickBox).value)

@@ -71,7 +71,7 @@ class PlaybackView(Container, can_focus=True):
         )
 
     def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
-        """Return the indexes of the axes, the axis with the largest travel first."""
+        """Return the indexes of the moving axes, or of all axes if none moves, largest travel first."""
         points = run.trajectory.points
         ways = [float(points[:, at].max() - points[:, at].min()) for at in range(points.shape[1])]
         names = AXES[run.trajectory.kind]

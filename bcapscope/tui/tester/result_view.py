@@ -26,7 +26,7 @@ class ResultView(InkedText, can_focus=True):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("d", "digits", "tester.digits")]
     record: HistoryRecord | None = None
     shows_all_digits = False
-    text = ""  # result, problem or hint that is shown, with marks of `INK`
+    text = ""  # result, problem or hint on the screen, with ink marks
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="-empty")
@@ -62,7 +62,7 @@ class ResultView(InkedText, can_focus=True):
             self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll the forms, of which a small terminal shows only a few, until this view is visible."""
+        """Scroll the forms until this view is visible. A small terminal shows only a few forms."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
@@ -89,8 +89,8 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 
 
 def _may_lack_robslave(record: HistoryRecord) -> bool:
-    """Return whether slave mode was refused without a reason. An RC7 needs the program RobSlave for slave
-    mode (DENSO Wave 2009, How to use the Slave mode); the error without RobSlave is not documented.
+    """Return whether the controller refused slave mode without a reason. An RC7 needs the program RobSlave
+    for slave mode (DENSO Wave 2009, How to use the Slave mode); the error without RobSlave is not documented.
     """
     code = record.reply.code if record.reply is not None else S_OK
     command = command_name(record.function_id, record.arguments) or ""

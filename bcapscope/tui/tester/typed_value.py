@@ -39,7 +39,7 @@ def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
 
 
 def check_text(vt: int, text: str) -> Variant | str:
-    """Return the value of a text, or a text that says which input is expected."""
+    """Return `text` as a value of type `vt`, or an error text that says which input is expected."""
     typed = text if vt == VT.BSTR else text.strip()
     try:
         return parse_variant(f"{type_word(vt)}:{typed}")
@@ -73,7 +73,7 @@ class TypedValue(Horizontal):
 
     @dataclass
     class Changed(Message):
-        """`problem` says what is wrong with the text; "" if it is valid or empty."""
+        """`problem` says what is wrong with the text; "" for a valid or empty text."""
 
         value: TypedValue
         problem: str

@@ -1,4 +1,4 @@
-"""Removes the folder that is its argument at the end of standard input, so after the end of the screen."""
+"""After the end of standard input, and so of the screen, removes the folder that the argument names."""
 
 import sys
 from os.path import exists
@@ -6,7 +6,7 @@ from shutil import rmtree
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""Attempts, and seconds between two. Windows cannot remove a folder while one of its files is open."""
+"""Attempts, and seconds between two attempts. Windows cannot remove a folder that contains an open file."""
 
 if __name__ == "__main__":
     sys.stdin.buffer.read()

@@ -22,20 +22,20 @@ _NICE = 5
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Message to the reader process: no more traffic will arrive. The process reads the remaining data and ends.
+"""Message to the reader process: no more traffic will arrive. The reader reads the remaining data, and ends.
 """
 
 
 class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
     """Job for the reader process or for a proxy's watcher: which traffic to read for the screen."""
 
-    path: str = ""  # of the capture file or of the watcher's recording; "" for a live capture
+    path: str = ""  # path of the capture file or watcher's recording; "" for a live capture
     interface: str = ""  # network interface for a live capture; "" to read a file
     follow: bool = False  # whether another program is still writing the capture
-    ports: tuple[int, ...] = ()  # of controllers; an empty tuple selects 5007
-    leg: str = ""  # only interfaces whose names begin with this prefix are read
-    language: str = "en"  # of rendered lines: "en" or "ja"
-    own_clients: bool = False  # whether bcapscope is the client, which stays connected even while silent
+    ports: tuple[int, ...] = ()  # ports of controllers; an empty tuple selects port 5007
+    leg: str = ""  # read only interfaces whose names begin with this prefix
+    language: str = "en"  # language of rendered lines: "en" or "ja"
+    own_clients: bool = False  # whether bcapscope is the client: then a silent client is still connected
     taken_at: CapturePoint | None = None  # None to infer the place from the traffic
     folder: str = ""  # empty folder for the journal
 
@@ -48,7 +48,7 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     ended: bool = False
     problem: str = ""  # why reading ended early, if it did
     clients: int = 0  # conversations so far
-    packets: str = ""  # name of the capture file with the packets, if there is one
+    packets: str = ""  # path of the capture file with the packets; "" if there is none
     lost: int = 0  # packets that a live capture dropped because its buffer was full
 
 
@@ -59,7 +59,7 @@ class ShownFinding(msgspec.Struct, frozen=True):
     severity: str
     sentence: dict[str, str]  # by language
     frames: tuple[int, ...]
-    consequence_of: int  # number of the finding's cause, from 1; 0 for no cause
+    consequence_of: int  # number of the finding that is the cause, from 1; 0 for no cause
     advice: dict[str, str]  # by language
     source: str
 
@@ -80,7 +80,7 @@ NO_ANALYSIS = TrafficAnalysis((), TrafficTotals(0, 0, 0, 0), [], [])
 class SearchRequest(msgspec.Struct, frozen=True):
     """A request to search the frames or the calls."""
 
-    generation: int  # also the `generation` of all matches of this search
+    generation: int  # number of the search; all matches of this search carry the same number
     kind: str  # "frame" or "call"
     expression: str  # "" stops the search
 
@@ -99,7 +99,7 @@ class SaveJob(msgspec.Struct, frozen=True):
     source: str
     target: str  # must not exist
     notes: dict[int, str]  # by packet number
-    max_packets: int = 0  # limit for a capture that may still grow; 0 for none
+    max_packets: int = 0  # most packets to save from a capture that may grow; 0 for no limit
     language: str = "en"
 
 

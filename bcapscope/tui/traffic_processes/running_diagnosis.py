@@ -18,7 +18,7 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
 
 MAX_LINES = 20_000
-"""Maximum number of lines about slave-mode sessions."""
+"""After this number of lines, the analysis omits further slave-mode sessions."""
 
 
 class RunningDiagnosis:
@@ -30,8 +30,8 @@ class RunningDiagnosis:
         self.subscribers: tuple[PipelineSubscriber, ...] = self.diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
-        """Return the analysis as if the traffic ended at `ended`, in ns since 1970. If `present`, the clients
-        are known to be connected still, even if they are silent.
+        """Return the analysis as if the traffic ended at `ended`, in ns since 1970. `present` means that the
+        clients are still connected, even if they are silent.
         """
         statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
         findings = tuple(shown_finding(each, totals) for each in self.diagnosis.findings(ended, present))

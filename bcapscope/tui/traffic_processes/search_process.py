@@ -1,4 +1,4 @@
-"""The search process, which applies a filter to the records of a journal, whose folder is its argument.
+"""The search process, which applies a filter to frames or calls. The argument is the journal's folder.
 Requests arrive on standard input; matches go to standard output. A new request ends the previous search.
 After the last row, a search waits for new rows and examines them.
 """
@@ -34,7 +34,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 REPORT_INTERVAL = 0.05
 """Seconds between two reports."""
 
-_BATCH = 128  # rows between two checks for a new request; they take some milliseconds
+_BATCH = 128  # rows between two checks for a new request; 128 rows take some milliseconds
 
 
 class TrafficSearch:

@@ -51,7 +51,7 @@ class TemporaryFolder:
         )
 
     def close(self) -> None:
-        """Remove the folder, but wait at most `_REMOVE_TIMEOUT` for this."""
+        """Remove the folder. Wait at most `_REMOVE_TIMEOUT` seconds for the removal."""
         assert self._cleanup_process.stdin is not None
         with suppress(OSError):  # the process was killed
             self._cleanup_process.stdin.close()
@@ -71,7 +71,7 @@ def _remove_leftovers(root: Path) -> None:
 
 
 def _is_used(folder: Path) -> bool:
-    """Return whether the process that created a folder, and whose number is in its name, still runs."""
+    """Return whether the process whose id is in the folder's name may still run."""
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
     # on Windows, os.kill would end the process instead of testing whether the process runs
     if not number.isdigit() or sys.platform == "win32":

@@ -29,7 +29,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
 
-_END_TIMEOUT = 2.0  # seconds until the screen kills a process
+_END_TIMEOUT = 2.0  # seconds that the screen waits for a process or thread to end
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +55,9 @@ class TrafficFeed:
         """Start a process that reads the traffic.
 
         Args:
-            job: Which traffic to read. If `reports` is None, the feed chooses the job's folder and language.
-            reports: Stream of `ReadProgress` and `TrafficAnalysis` messages from a proxy's watcher. With this
-                stream, no process is necessary.
+            job: Which traffic to read. Without `reports`, the feed chooses the job's folder and language.
+            reports: Stream of `ReadProgress` and `TrafficAnalysis` messages from a proxy's watcher. With
+                `reports`, the feed starts no reader process.
         """
         self._folder: TemporaryFolder | None = None
         if reports is None:
@@ -102,20 +102,20 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """Path from which proposed file names are derived; ``live.pcapng`` for a temporary capture."""
+        """The screen derives proposed file names from this path; ``live.pcapng`` for a temporary capture."""
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass the undelivered updates now, and each new update in the thread that publishes it."""
+        """Call `listener` with undelivered updates now, and later in the thread that publishes an update."""
         with self._lock:
             self._listener = listener
         for message in self._undelivered.values():
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the stores; return False if their files do not exist yet."""
+        """Open the journal and the call store; return False if their files do not exist yet."""
         if self.journal is None:
             folder = Path(self.job.folder)
             try:
@@ -181,15 +181,15 @@ class TrafficFeed:
         return SaveJob(self.progress.packets, target, notes, most, current_language())
 
     def save(self, job: SaveJob) -> str:
-        """Run a save job, and return why it failed, or "". Call this blocking method in a separate thread."""
+        """Run a save job; return why saving failed, or "". The method blocks, so use a separate thread."""
         process = self._start_process("save_process")
         send_message(_pipe(process.stdin), job)
         out, _ = process.communicate()
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Notify the reader process that no more traffic will arrive. It still reads the remaining data."""
-        if self._reader is None:  # the watcher of a proxy ends with the relay
+        """Notify the reader that no more traffic will arrive. The reader still reads the remaining data."""
+        if self._reader is None:  # a proxy's watcher sends the reports, and ends with the relay
             return
         with suppress(OSError):  # the process has ended
             _pipe(self._reader.stdin).write(STOP_READING)
@@ -228,5 +228,5 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    assert stream is not None  # bcapscope starts each process with pipes
+    assert stream is not None  # because the feed starts its processes with pipes
     return stream

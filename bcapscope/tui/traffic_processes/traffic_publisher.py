@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
 
 FLUSH_INTERVAL = 0.1
-"""Minimum time in seconds between two reports of new frames. While the screen draws these, keys must wait."""
+"""Minimum time in seconds between two reports of new frames. While the screen draws frames, keys wait."""
 
 ANALYSIS_INTERVAL = 1.5
 """Minimum time in seconds between two reports of the analysis."""
@@ -80,8 +80,8 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """Report progress and analysis, unless their intervals have not passed. The analysis assumes that the
-        traffic ends at `end_time` (ns since 1970), or with the last frame if that frame is later.
+        """Report progress and analysis if their intervals have passed. The analysis assumes that the traffic
+        ends at `end_time` (ns since 1970), or with the last frame if that frame is later.
         """
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:

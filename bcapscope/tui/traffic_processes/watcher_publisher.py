@@ -1,6 +1,6 @@
-"""Publishes traffic from the watcher of a proxy to the screen that started the proxy, through the same kinds
-of files that the reader process writes. The reports go to the standard output of the relay, which writes its
-addresses there before it accepts clients, so before all reports.
+"""Publishes traffic from the watcher of a proxy to the screen that started the proxy. The watcher writes the
+same kinds of files as the reader process. The reports go to the standard output of the relay. Before all
+reports, the relay writes its addresses there.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SENT_WITHIN = 2.0  # seconds for sending the last reports
 
 
 class ReportSender:
-    """Sends the latest report of each kind in a thread, so that a screen that reads slowly delays nobody."""
+    """Sends the latest report of each kind in a separate thread, so that a slow screen delays no traffic."""
 
     def __init__(self, stream: io.RawIOBase) -> None:
         self._stream = stream
@@ -99,7 +99,7 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run an action that publishes traffic. If it fails, report the error and publish nothing more."""
+        """Run an action that publishes. If the action fails, report the error and publish nothing more."""
         if self._has_ended:
             return
         try:

@@ -12,7 +12,7 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Seconds after which the server kills a screen process; longer than `tui.app.CLOSE_TIMEOUT`."""
+"""Seconds for a screen process to end before the server kills it; longer than `tui.app.CLOSE_TIMEOUT`."""
 
 RELOAD_WITHIN = 2.0
 """Seconds that a new viewer waits for another to disconnect, such as the same viewer who reloads the page."""
@@ -25,7 +25,7 @@ class NoSeat(Exception):
 
 
 class ViewerSeats:
-    """Limits the number of viewers. `ending` is the number of those whose screen process is ending."""
+    """Limits the number of viewers. `ending` is the number of screen processes that are ending."""
 
     def __init__(self, count: int) -> None:
         self._free = asyncio.Semaphore(count)
@@ -51,9 +51,9 @@ class ViewerSeats:
 
 
 class ScreenProcess(AppService):
-    """A `bcapscope tui` process that draws the screen through a websocket. It runs in a separate process
-    group, so that Ctrl-C reaches only the parent. The parent ends the screen process cleanly, so that this
-    process can release the robot.
+    """A `bcapscope tui` process that draws the screen through a websocket. The process runs in a separate
+    process group, so that Ctrl-C reaches only the parent. The parent ends the screen process cleanly, so that
+    the screen can release the robot.
     """
 
     def __init__(
@@ -63,8 +63,9 @@ class ScreenProcess(AppService):
         write_str: Callable[[str], Awaitable[None]],
         close: Callable[[], Awaitable[object]],
     ) -> None:
-        """`write_bytes` sends drawing data to the page, and `write_str` sends messages. After an exception in
-        one of them, the server would stop reading the output of the screen process, which would block.
+        """`write_bytes` sends drawing data to the page, and `write_str` sends messages. Neither function may
+        raise an exception: the server would stop reading the output of the screen process, and the screen
+        process would block.
         """
         super().__init__(
             subprocess.list2cmdline(argv),

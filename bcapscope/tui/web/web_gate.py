@@ -1,9 +1,9 @@
 """Check whether a browser may open the screen that bcapscope serves. This module does no I/O.
 
-The address that bcapscope prints contains a token. It opens a page that sets a cookie and forwards to a
-secret path. All other pages are below the secret path and need the cookie. Browsers send a cookie to every
-port of a host, which may be another user's server. They send this cookie only to the secret path, which no
-other server knows.
+The address that bcapscope prints contains a token. The page at this address sets a cookie and forwards to a
+secret path. All other pages are below the secret path and need the cookie. Browsers send cookies to every
+port of a host, and another port may belong to another user's server. Browsers send this cookie only to the
+secret path, and no other server knows the secret path.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site: missing, or an address that was typed, or an own page."""
+"""Accepted values of the header Sec-Fetch-Site: no header, a typed address, or a page of this server."""
 
 
 @dataclass(frozen=True, slots=True)

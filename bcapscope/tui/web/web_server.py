@@ -30,8 +30,8 @@ PROVES_WITHIN = 10.0
 """Seconds in which one request on a new connection must pass the access check."""
 
 MAX_UNPROVED = 64
-"""Maximum number of connections without a request that has passed the access check. For each connection above
-this maximum, the server closes the oldest of them. One browser opens at most six connections.
+"""Maximum number of connections that have not passed the access check yet. If one more connection arrives,
+the server closes the oldest of these connections. One browser opens at most six connections.
 """
 
 HEARTBEAT = 4.0
@@ -40,7 +40,7 @@ HEARTBEAT = 4.0
 _LARGEST_MESSAGE = 1 << 20
 """Maximum size in bytes of a message from a page. The largest messages contain pasted text."""
 
-_LARGEST_SIZE = 1000  # columns or lines of a screen
+_LARGEST_SIZE = 1000  # maximum number of columns, or of lines, of a screen
 
 _BUSY_PATH = "/busy"
 
@@ -155,7 +155,7 @@ class WebServer:
 
     async def _entry_page(self, request: web.Request) -> web.Response:
         """Set the cookie and send the browser to the secret path, so that the address bar loses the token.
-        After a click on a link in another page, the browser would not send the cookie with an HTTP redirect.
+        With an HTTP redirect, the browser would send no cookie after a click on a link in another page.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -278,7 +278,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Log each error of the server, but not of clients, in one line, which does not contain the token."""
+    """Log each error of the server in one line, without the token. Do not log errors of clients."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]
@@ -287,7 +287,7 @@ def _one_line_logger() -> logging.Logger:
 
 
 class WebConnections:
-    """Creates the protocol object of each connection, and closes connections that prove nothing in time."""
+    """Creates each connection's protocol object; closes connections that pass no access check in time."""
 
     def __init__(self, server: web.Server) -> None:
         self._server = server

@@ -57,7 +57,7 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")  # HALT, help, the command palette
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys as fit on the bar, those of the focused widget first. A click presses the key."""
+    """Shows as many keys as fit, starting with the focused widget's keys. A click presses the key."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -90,7 +90,7 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows key, name and number of rows of each view, which a click opens, and the screen's progress."""
+    """Shows key, name and number of rows of each view, and the screen's progress. A click opens a view."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
@@ -103,7 +103,7 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """`states` are texts for the rest of the bar, which shows the first text that is short enough."""
+        """The rest of the bar shows the first text of `states` that is short enough."""
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()

@@ -24,7 +24,7 @@ _MAX_FRAMES = 12
 
 
 class FindingPage(ItemList[tuple[str, int]]):
-    """Shows findings as paragraphs. An item is a line and the number of its finding; 0 for the summary."""
+    """Shows findings as paragraphs. An item is a text line and its finding's number; 0 for the summary."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", "findings.choose")]
     _analysis = NO_ANALYSIS

@@ -34,7 +34,7 @@ class Lines(ScrollView, can_focus=True):
 
     A subclass calls `lines_added` if lines were added at the end, and `reset_lines` after any other change.
     The list has no border and no padding, because `render_lines` draws neither. In an empty list, the index
-    `cursor` is 0. With `follows_end`, the cursor moves from the last line to new lines.
+    `cursor` is 0. If `follows_end` is True and the cursor is on the last line, the cursor moves to new lines.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -112,7 +112,7 @@ class Lines(ScrollView, can_focus=True):
             self._post_moved()
 
     def _update_extent(self) -> None:
-        """Update the total size, without a new layout of the whole screen, and the scroll bar."""
+        """Update the total size and the scroll bar without a new layout of the whole screen."""
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
@@ -173,7 +173,7 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text about the look of a line. If this text changes, the list draws the line again."""
+        """Return a text for the look of a line. The list draws the line again when this text changes."""
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
@@ -190,7 +190,7 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles for the pieces of a line by style name; "" is the style of the whole line.
+        """Return the styles of a line by style name. The name "" is the style of the whole line.
         `cursor_state` is "cursor" or "blurred" for the line under the cursor, "" for any other line.
         """
         if cursor_state not in self._styles:
@@ -274,7 +274,7 @@ class ItemList(Lines, Generic[T]):
     """A list of items. When the items change, the cursor stays on the same item."""
 
     def __init__(self, empty: str = "", *, id: str | None = None) -> None:
-        """Create a list. While it has no items, it shows the label whose id is `empty`."""
+        """Create a list. An empty list shows the label whose id is `empty`."""
         super().__init__(id=id)
         self.items: list[T] = []
         self._empty = empty

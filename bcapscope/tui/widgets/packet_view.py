@@ -29,11 +29,11 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 MAX_ROWS = 20_000
-"""Rows per section. A frame of a megabyte has more fields than a user can read."""
+"""Maximum number of rows per section. A frame of a megabyte has more fields than a user can read."""
 
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
-_FOLDED_AT_FIRST = 6  # a branch with at most this number of rows, whose first row shows the whole content
+_FOLDED_AT_FIRST = 6  # a branch with more rows is unfolded when the tree opens
 
 
 class _Entry(NamedTuple):
@@ -74,7 +74,7 @@ class FieldTree(Lines):
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
         """Select the innermost field that contains the byte at `offset`, but post no message. Return the
-        field's start and end, or zeros if there is no such field.
+        field's start and end, or zeros if no field contains the byte.
         """
         found = None
         for index, entry in enumerate(self._entries):
@@ -246,7 +246,7 @@ class HexView(Lines):
         return bool(caption) - (-len(body) // self._per_line)
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the section of a line, and the line's row in the section; -1 for the caption."""
+        """Return the section of a line, and the line's row in the section. The caption is row -1."""
         section = 0
         while index >= self._section_height(section):
             index -= self._section_height(section)
@@ -344,7 +344,7 @@ class PacketView(Horizontal, PlainContainer):
 
     def compose(self) -> ComposeResult:
         yield FieldTree(id="fields")
-        yield Container(classes="edge")  # a line, in a separate widget, so that Textual draws it only once
+        yield Container(classes="edge")  # this vertical line is a separate widget, so it is drawn only once
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:

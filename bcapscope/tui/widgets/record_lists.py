@@ -37,8 +37,8 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines, Generic[Source]):
-    """Shows the records of `source`. With a filter, `matches` contains the numbers, from 1, of the matching
-    records found so far, and the list shows only these.
+    """Shows the records of `source`. With a filter, the list shows only the matching records found so far.
+    `matches` contains the numbers of these records, counted from 1.
     """
 
     matches: array[int] | None = None
@@ -65,7 +65,7 @@ class RecordList(Lines, Generic[Source]):
 
     @abstractmethod
     def use_format(self, write_endpoints: Callable[[Flow], str]) -> None:
-        """Render lines with `write_endpoints` and the times that `set_line_format` chose."""
+        """Render lines with `write_endpoints`, and with the time format that `set_line_format` chose."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
         """Count relative times from `origin`, in ns since 1970."""
@@ -76,7 +76,7 @@ class RecordList(Lines, Generic[Source]):
 
     @property
     def client_header(self) -> str:
-        """Header of the client and the direction arrow; "" if lines do not show the client."""
+        """Header above the client and the direction arrow; "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
     @property
@@ -175,7 +175,7 @@ class CallList(RecordList[CallStore]):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._unfolded: dict[int, int] = {}  # number of frames by the position of their call, in order
+        self._unfolded: dict[int, int] = {}  # number of frames by the position of an unfolded call; sorted
 
     def clear_source(self) -> None:
         self._unfolded.clear()
@@ -195,7 +195,7 @@ class CallList(RecordList[CallStore]):
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of a line's call, and the frame in the line, from 1; 0 for the call itself."""
+        """Return a call's position and a frame's number in the call; 0 if the line shows the call itself."""
         above = 0
         for position, extra in self._unfolded.items():
             line = position + above

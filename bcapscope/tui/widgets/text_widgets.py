@@ -55,11 +55,11 @@ class CheckedInput(Vertical):
             return self.line
 
     class Entered(Typed):
-        """The user pressed Enter on valid text or an empty line. Handlers of `Typed` also receive this."""
+        """The user pressed Enter on valid text or an empty line. Handlers of `Typed` also get `Entered`."""
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
-        """`name` is the id of the input field; this widget has the id ``<name>-line``. `parse` parses text
-        that is not empty, and raises a `ValueError`, whose text the widget shows, if the text is invalid.
+        """`name` is the id of the input field; this widget has the id ``<name>-line``. `parse` never gets an
+        empty text. For invalid text, `parse` raises a `ValueError`, whose text the widget shows.
         """
         super().__init__(id=f"{name}-line")
         self.field = Input(placeholder=hint, id=name, select_on_focus=False)
@@ -84,7 +84,7 @@ class CheckedInput(Vertical):
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        # checks the text again, because the result of the parser can depend on more than the text
+        # check the text again, because the result of `parse` can depend on more than the text
         self._check_text(event.value.strip(), self.Entered)
 
     def _check_text(self, text: str, message: type[Typed]) -> None:
