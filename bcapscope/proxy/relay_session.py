@@ -30,8 +30,9 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """Forwards data between one client and the controller. `conversation` is theirs, as if there were no
-    proxy. `last_heard` is the value of `Relay.now` when the client last sent something.
+    """Forwards data between one client and the controller. `conversation` has the addresses of client and
+    controller, as if there were no proxy. `last_heard` is the value of `Relay.now` when the client last sent
+    something.
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
@@ -48,8 +49,8 @@ class RelaySession(ABC):
 
     @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
-        """Send data to the controller (`up`) or to the client. Return the time in ns since 1970; 0 if part of
-        the data still waits.
+        """Send data to the controller (`up`) or to the client. Return the time of sending in ns since 1970; 0
+        if part of the data was not sent.
         """
 
     def resume(self) -> None:  # noqa: B027 - a UDP session never pauses, and needs no code here
@@ -61,11 +62,15 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle; None if it must not be evicted for another client."""
+        """Return how many ns the client has been idle; None if the client must not be evicted for another
+        client.
+        """
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that the rules release, then close the session; `reset` resets a stream."""
+        """Send the held messages that the rules release, then close the session. With `reset`, send an RST
+        over TCP.
+        """
 
 
 class ClientListener(ABC):
