@@ -232,9 +232,7 @@ def _parts(hint: Any) -> list[type]:
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the field ``action`` of the data selects, or all structs if the field selects
-    none.
-    """
+    """Return the struct that the data's field ``action`` selects; all structs if the field selects none."""
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
     return [each for each in structs if each.__struct_config__.tag == action] or structs

@@ -79,8 +79,7 @@ class FaultInjector:
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
         """Set up the faults. If two faults have the same name, raise an `InputError`. In all methods, `now`
-        is the time of a monotonic clock in ns. For filters, `now` plus `epoch` is the time in ns since
-        1970-01-01 UTC.
+        is in ns of a monotonic clock. For filters, `now` plus `epoch` is in ns since 1970-01-01 UTC.
         """
         self.active_faults: list[ActiveFault] = []
         self._seed = seed
@@ -330,9 +329,7 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay. If faults delay only copies of the datagram, drop only these
-    copies.
-    """
+    """Drop a datagram that faults would delay. If faults delay only copies, drop only these copies."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

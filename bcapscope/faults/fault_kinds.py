@@ -179,9 +179,7 @@ class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
 
 
 class GarbageFault(MessageFault, frozen=True, kw_only=True, tag="garbage"):
-    """Replace the message by `size` random bytes. If `size` is None, the length of the message stays the
-    same.
-    """
+    """Replace the message by `size` random bytes. If `size` is None, the message keeps its length."""
 
     direction: Direction | None = Direction.RESPONSE
     size: Annotated[int, Meta(ge=1, le=65507)] | None = None
@@ -381,9 +379,7 @@ ACTIONS: dict[str, type[MessageFault]] = {
 }
 
 ALIASES = {"loss": "drop"}
-"""Other names of actions, from tc-netem(8). In the notation of a fault, ``loss`` requires a value, as in
-``loss=5%``.
-"""
+"""Other names of actions, from tc-netem(8). The notation for ``loss`` requires a value: ``loss=5%``."""
 
 
 def _delayed(duration: int) -> Message:

@@ -187,9 +187,7 @@ class Span:
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end of the range if the number is outside. For NaN, return a
-        finite end.
-        """
+        """Return the number, moved to the nearest end of the range if needed. NaN becomes a finite end."""
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
         return min(max(number, self.low), self.high)

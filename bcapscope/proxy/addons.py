@@ -196,9 +196,7 @@ class AddonRunner(PipelineSubscriber):
         return ScriptAnswer(notices, self._errors, has_open_calls, **verdict)
 
     def _run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Pass a message to the add-ons one after another. Each add-on sees the changes of the previous
-        add-ons.
-        """
+        """Pass a message through the add-ons. Each add-on sees the changes of the previous add-ons."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:

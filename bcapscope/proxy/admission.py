@@ -108,8 +108,8 @@ class ClientSlots:
         return _evict(next(iter(self._reserved.values()), None))
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict one client from the network `source`, or from any network if `source` is None. Return False
-        if the proxy must not evict any client.
+        """Evict one client, only from the network `source` if `source` is not None. Return False if the proxy
+        must not evict any client.
         """
         return _evict(self._oldest_replaceable(source, now) or self._longest_idle(source, now))
 
@@ -131,9 +131,7 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client; None if no client is fresh, or if the proxy must wait before the
-        eviction.
-        """
+        """Return the oldest fresh client; None if no client is fresh or the proxy must not evict now."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

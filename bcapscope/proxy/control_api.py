@@ -30,8 +30,7 @@ class ControlApi:
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
         """Control a proxy with these `rules`. `figures` returns the relay's figures under the names in
-        `ProxyStats`. `upstream` returns the state of a client's connection to the controller, and gets the
-        client's number.
+        `ProxyStats`. `upstream` returns the state of a client's connection to the controller.
         """
         self._rules = rules
         self._figures = figures

@@ -37,9 +37,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. The first request opens the connection, and so does a request after a
-    failure.
-    """
+    """A control connection to a proxy. The first request, and each request after a failure, connects."""
 
     def __init__(self, address: str) -> None:
         self._address = address

@@ -98,9 +98,7 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Changes a held message. Either the bytes `hex` replace the message, or the rewrite fault `rewrite` is
-    applied.
-    """
+    """Replaces a held message by the bytes `hex`, or changes it with the rewrite fault `rewrite`."""
 
     number: int
     hex: str = ""
@@ -173,9 +171,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` counts the datagrams from the client, and `down` those from the controller.
-    Over TCP, `up` and `down` count the reads of the proxy. The time of an event is None if the event never
-    happened.
+    """A client of the proxy. `up` counts datagrams from the client, and `down` datagrams from the controller.
+    Over TCP, both count the proxy's reads. The time of an event is None if the event never happened.
     """
 
     number: JsonCount
@@ -195,9 +192,7 @@ class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A held message. If the client no longer waits for the message, `given_up` says why. `more` is the old
-    name of `retries`.
-    """
+    """A held message. `given_up` says why the client no longer waits. `more` is an old name of `retries`."""
 
     number: JsonCount
     client: JsonEndpoint
@@ -236,9 +231,7 @@ class HeldResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """Delays in ns of data that the relay forwards unchanged. `slow` counts the delays above
-    `SET_POINT_DEADLINE_NS`.
-    """
+    """Delays in ns of data that the relay forwards unchanged. `slow` counts delays of more than 2 ms."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0

@@ -71,9 +71,7 @@ class DirectionState:
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits for the scripts. `decision` covers all data that arrived together with the
-    message.
-    """
+    """A message that waits for the scripts. `decision` covers all data that arrived at the same time."""
 
     message: WireMessage
     state: DirectionState
@@ -81,8 +79,7 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Split the waiting requests of a leaving client into stops, which the proxy sends, and other requests,
-    which the proxy drops.
+    """Split the waiting requests of a leaving client into stops to send and other requests to drop.
 
     A motion is dangerous if it starts after its client has stopped waiting. If the proxy has already sent the
     start of a frame, the rest of that frame precedes the stops. Otherwise, the controller would read the

@@ -62,8 +62,8 @@ class HeldMessage:
 
         A motion is dangerous if it starts long after the client reported a failure to its user. A client
         makes one call at a time, so the client no longer waits after a new request or the end of its stream.
-        A UDP client also no longer waits if the client has not retried within `RETRY_WITHIN_NS`. On TCP,
-        clients never retry.
+        The same applies to a UDP client without a retry within `RETRY_WITHIN_NS`. On TCP, clients never
+        retry.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -124,7 +124,7 @@ class Intercept:
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
         """Decide whether to hold a message. Return None if the intercept ignores the message. Call this
-        method for all messages, in order.
+        method for all messages, in their order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
@@ -158,9 +158,8 @@ class Intercept:
         return Message("held.as", number=self.held_so_far), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Stop holding a message and return it. `data` replaces later retries of the message; None forwards
-        the retries unchanged, b"" drops the retries. If no message with this number is held, raise a
-        `KeyError`.
+        """Stop holding a message and return it. `data` replaces later retries; None forwards the retries
+        unchanged, b"" drops the retries. If no message with this number is held, raise a `KeyError`.
         """
         held = self._held.pop(number)
         if held.subject is not None:

@@ -33,9 +33,7 @@ from bcapscope.traffic.observation import (
 )
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation, and what a proxy rule did to the message. An observation of the controller's side has the
-number 0.
-"""
+"""An observation (number 0 on the controller's side), and what a proxy rule did to the message."""
 
 _offset = itemgetter(0)
 
@@ -102,9 +100,9 @@ class _Client:
 
 class RecordDecoder:
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Before a client's first observation of the controller's side, call `join_legs` with the
-        conversation of the client's side and the conversation of the controller's side. If `join_legs` is
-        None, never decode the controller's side.
+        """Before observations of the controller's side, call `join_legs` with the client's conversation on
+        the client's side and on the controller's side. If `join_legs` is None, never decode the controller's
+        side.
         """
         self.observation_count = 0
         self._join_legs = join_legs

@@ -88,7 +88,7 @@ class Relay(DescriptorWatcher):
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Forward traffic until `stop` is called. Call `idle` every `POLL_INTERVAL`; `idle` must return fast."""
+        """Forward traffic until `stop`. Every `POLL_INTERVAL`, call `idle`, which must not block."""
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -299,8 +299,7 @@ class Relay(DescriptorWatcher):
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # `now` changes only after `_sweep`: after a long pause, `_sweep` must not remove clients with unread
-        # data
+        # `now` changes after `_sweep`: after a long pause, `_sweep` must not remove clients with unread data
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -321,9 +320,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; b"" for None. If the note is too long, encode the start of its English
-    text.
-    """
+    """Encode a note for the ring; b"" for None. Of a long note, keep only the start of its English text."""
     if note is None:
         return b""
     data = encode_message(note)

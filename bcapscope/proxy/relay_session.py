@@ -30,9 +30,8 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """Forwards data between one client and the controller. `conversation` has the addresses of client and
-    controller, as if there were no proxy. `last_heard` is the value of `Relay.now` when the client last sent
-    something.
+    """Forwards data between one client and the controller. `conversation` has their addresses, not those of
+    the proxy. `last_heard` is the value of `Relay.now` when the client last sent something.
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
@@ -62,15 +61,11 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle; None if the client must not be evicted for another
-        client.
-        """
+        """Return how many ns the client has been idle; None if the proxy must not evict the client."""
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that the rules release, then close the session. With `reset`, send an RST
-        over TCP.
-        """
+        """Send held messages that the rules release. Then close the session; `reset` sends an RST."""
 
 
 class ClientListener(ABC):

@@ -21,9 +21,8 @@ _HEADER_SIZE = 4096
 """Size in bytes of the header, which holds the positions in the ring, `urgency`, `counts` and `figures`."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes after the ring. A record near the end of the ring extends into these bytes, so that no
-record is split. `RING_OVERHEAD` is a multiple of every page size, because systems round shared memory up to
-pages.
+"""Number of bytes after the ring. A record near the end of the ring extends into these bytes and is not
+split. `RING_OVERHEAD` is a multiple of every page size, because systems round shared memory up to pages.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
@@ -136,9 +135,7 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory that is initially all zero. The memory's size is `RING_OVERHEAD` plus a multiple
-        of 8 bytes.
-        """
+        """Use zeroed shared memory. Its size is `RING_OVERHEAD` plus a multiple of 8 bytes."""
         self._marks = memory[:_HEADER_SIZE].cast("Q")
         self._space = memory[_HEADER_SIZE:]
         self._size = len(memory) - RING_OVERHEAD
@@ -172,9 +169,7 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Fields: True toward the controller, client number, ancillary data, sending time in ns (0 if not sent),
-bytes.
-"""
+"""Fields: True if from the client, client number, ancillary data, sending time in ns or 0, bytes."""
 
 
 class RingWriter(_Ring):
@@ -184,8 +179,7 @@ class RingWriter(_Ring):
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams to which the relay appends until it calls `flush`.
-        streams: Numbers of the TCP clients. Bytes of these clients that do not fit into the ring leave a
-            hole.
+        streams: Numbers of the TCP clients. Their bytes leave a hole if the ring is full.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -368,9 +362,7 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """One of the watcher's two readers of the ring. `position` is the number of bytes that this reader has
-    read.
-    """
+    """One of the watcher's two readers of the ring. `position` counts the bytes that this reader has read."""
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
         """Read from the beginning. With `ahead`, records stay in the ring after this reader has read them."""

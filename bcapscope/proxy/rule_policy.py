@@ -264,9 +264,7 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: PolicyDecision
     ) -> WireMessage | None:
-        """Pass a message to the scripts. Return the message to forward now; None if the message waits or is
-        refused.
-        """
+        """Pass a message to the scripts. Return the message to forward now; None if there is none."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message

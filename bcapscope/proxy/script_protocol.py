@@ -48,9 +48,8 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """Passes a datagram, a frame of a stream, or bytes that are not a frame to the scripts. `up` is True if
-    the message goes to the controller, False if the message goes to the client. `now` is in ns of the relay's
-    clock, `time` in ns since 1970.
+    """Passes a datagram, a frame of a stream, or bytes that are not a frame to the scripts. `up` is True
+    toward the controller. `now` is in ns of the relay's clock, `time` in ns since 1970.
     """
 
     client: int
@@ -122,9 +121,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""Message from the scripts' process. The first message says whether the scripts are usable. All later
-messages are answers.
-"""
+"""Message from the scripts' process. Only the first message says whether the scripts are usable."""
 
 _encoder = msgspec.msgpack.Encoder()
 

@@ -62,8 +62,8 @@ scripts too.
 """
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""After switching the scripts off, the proxy waits for this time in ns for a report of the script line. Then
-the proxy kills the scripts' process.
+"""After switching the scripts off, the proxy waits for a report of the script line, at most for this time in
+ns.
 """
 
 _EXPIRE_INTERVAL_NS = 50_000_000
@@ -153,9 +153,7 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. If `undecided` is not None, the message waits for a decision of the
-        scripts.
-        """
+        """Pass a message to the scripts. The message waits for a decision unless `undecided` is None."""
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))

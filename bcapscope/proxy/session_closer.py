@@ -94,9 +94,7 @@ class SessionCloser(PipelineSubscriber):
         return Message("session.open.arm") if has_arm else None
 
     def _closing_requests(self, session: ServiceSession, last_call: Call) -> Iterator[bytes]:
-        """Yield requests with the client's next serials, and with the client's convention for the reserved
-        field.
-        """
+        """Yield requests with the client's next serials and its convention for the reserved field."""
         robots = self._slave_mode.find(session.conversation).robots
         arms = self._arm_handles.get(session.conversation, {})
         objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]

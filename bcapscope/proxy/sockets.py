@@ -106,9 +106,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
 
 
 def keep_alive(sock: socket.socket) -> None:
-    """If the other computer disappears, let the system close the connection after two minutes, not after
-    hours.
-    """
+    """Let the system close a connection two minutes, not hours, after the other computer disappears."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
         if hasattr(socket, name):

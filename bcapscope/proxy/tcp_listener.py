@@ -86,9 +86,7 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for about a second. Do not report further errors until the listener accepts
-        a client again.
-        """
+        """Stop accepting clients for about a second. Report only the first of several errors in a row."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(

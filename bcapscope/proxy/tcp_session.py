@@ -51,8 +51,8 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 @dataclass(eq=False, slots=True)
 class _HalfConnection:
     """One direction of a connection, from the socket `source` to the socket `sink`. The sink has not yet
-    accepted the `pending` bytes. `mask` holds the watched events of the source; None if the relay does not
-    watch the source.
+    accepted the `pending` bytes. `mask` holds the watched events of the source; None if the source is not
+    watched.
     """
 
     up: bool
@@ -73,9 +73,9 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. `ends` are the sockets toward the client and toward the controller. The
-        connection to the controller may still be incomplete. `first` are the client's first bytes, and their
-        time of arrival in ns since 1970.
+        """Register a client. `ends` are the sockets toward the client and toward the controller. The second
+        one is still connecting. `first` are the client's first bytes, and their time of arrival in ns since
+        1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
@@ -170,9 +170,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts. Report the number of the remaining bytes as
-        lost.
-        """
+        """Write as many pending bytes as the system accepts. Report how many bytes are lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -330,9 +328,7 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the FIN of a direction after its last bytes. After the FINs of both directions, close the
-        session.
-        """
+        """Forward a direction's FIN after its last bytes. After both FINs, close the session."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True

@@ -51,9 +51,8 @@ _MAX_STRANGERS = 256
 
 
 class UdpListener(ClientListener):
-    """A UDP socket to which clients send their requests. `sessions` holds the sessions of the clients that
-    have sent more than one datagram, by client address. `refused` is True while the controller refuses
-    datagrams.
+    """A UDP socket to which clients send their requests. `sessions` maps client addresses to sessions of
+    clients that have sent more than one datagram. `refused` is True while the controller refuses datagrams.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
@@ -88,9 +87,7 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Find or create the session of a client that is not in `sessions` yet; None if the client is
-        rejected.
-        """
+        """Return the session of a client that is not in `sessions` yet; None if the client is rejected."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -191,8 +188,8 @@ class UdpSession(RelaySession):
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests on behalf of the client, each after the reply to the previous request. Send nothing
-        after `until`, a time of `time.monotonic`. Return the number of requests that got a reply. This method
-        blocks the relay.
+        after `until`, a time of `time.monotonic`. Return how many requests got a reply. This method blocks
+        the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
