@@ -19,7 +19,7 @@ _LONGEST_KEPT = 512  # bytes; a hash replaces longer request contents
 
 @dataclass(eq=False, slots=True)
 class AttemptedCall:
-    """A call. `content` is the request from the function id to the end, or a hash of it if it is long."""
+    """A call. `content` is the request from the function id to the end; a hash if the request is long."""
 
     content: bytes
     attempts: int

@@ -116,7 +116,7 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the step of each value from the latest similar message. A retry gets the values of the first
+        """Limit the change of numbers since the latest similar message. A retry gets the values of the first
         attempt: other values would make the controller execute a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)

@@ -55,7 +55,7 @@ class FaultResult(msgspec.Struct, frozen=True):
 
 
 class WireMessage:
-    """A datagram, or a piece of a stream. The data is decoded only if a fault or a script needs the frames.
+    """A datagram, or a piece of a stream. The data is decoded only when its frames are needed.
 
     Attributes:
         number: Number of the message, counted from 1 over all messages.

@@ -115,7 +115,7 @@ class ClientSlots:
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
         """Return the client that has been idle longest; None if the proxy must not evict any client. If a
-        search at the same `now` found no client, return None without another search.
+        search with the same arguments found no client, return None without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now

@@ -29,7 +29,7 @@ HOLD_TIME_NS = 60_000_000_000
 """Default time in ns for which the proxy holds a message: long enough to edit it."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""All attempts of one UDP call, or all replies to them. One decision of the user applies to all of them."""
+"""All attempts of one UDP call, or all replies to these attempts. The user decides once for all of them."""
 
 
 @dataclass(eq=False, slots=True)
@@ -124,7 +124,7 @@ class Intercept:
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
         """Decide whether to hold a message. Return None if the intercept ignores the message. Call this
-        method for all messages, in their order.
+        method for all messages, in order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]

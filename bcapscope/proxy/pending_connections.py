@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client. Arguments: socket, address, first bytes, time of receipt in ns since 1970.
-"""
+"""Function that admits a client. Arguments: socket, address, first bytes, their time in ns since 1970."""
 
 
 class PendingConnections:

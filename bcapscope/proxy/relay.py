@@ -88,7 +88,7 @@ class Relay(DescriptorWatcher):
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Forward traffic until `stop`. Every `POLL_INTERVAL`, call `idle`, which must not block."""
+        """Forward traffic until `stop` is called. `idle`, called every `POLL_INTERVAL`, must not block."""
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None

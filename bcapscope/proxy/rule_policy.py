@@ -326,7 +326,9 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
     ) -> WireMessage | None:
-        """Refuse the frames that may move the robot. Return the rest of the message; None without a rest."""
+        """Refuse the frames that may move the robot. Return the rest of the message, or None if all was
+        refused.
+        """
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
         if not refused:

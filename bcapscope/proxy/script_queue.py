@@ -62,9 +62,7 @@ scripts too.
 """
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""After switching the scripts off, the proxy waits for a report of the script line, at most for this time in
-ns.
-"""
+"""After switching the scripts off, the proxy waits this time in ns for a report of the script line."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
 """Minimum time in ns from one `ExpireCalls` order to the next."""
@@ -245,7 +243,7 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Return the bytes of the waiting messages of one direction, and ignore decisions about them."""
+        """Return the bytes of waiting messages of one direction. Ignore decisions about these messages."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.undecided is not None and each.undecided.state.flow is flow:

@@ -74,8 +74,8 @@ class TcpSession(RelaySession):
         first: tuple[bytes, int],
     ) -> None:
         """Register a client. `ends` are the sockets toward the client and toward the controller. The second
-        one is still connecting. `first` are the client's first bytes, and their time of arrival in ns since
-        1970.
+        socket is still connecting. `first` are the client's first bytes, and their time of arrival in ns
+        since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
