@@ -19,7 +19,7 @@ _LONGEST_KEPT = 512  # bytes; a hash replaces longer request contents
 
 @dataclass(eq=False, slots=True)
 class AttemptedCall:
-    """A call. `content` is the request from the function id to the end, or a hash of it if it is long."""
+    """A call. `content` is the request from the function id to the end; a hash if the request is long."""
 
     content: bytes
     attempts: int
@@ -58,7 +58,7 @@ class AttemptCounter:
         """Add the next frame of a UDP conversation. Return the attempt to which the frame belongs; None for a
         reply to an unknown request.
         """
-        # not a `BoundedDict`, whose assignment takes 200 ns longer
+        # This is no `BoundedDict`, because an assignment to a `BoundedDict` takes 200 ns longer.
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:
             del self._conversations[next(iter(self._conversations))]

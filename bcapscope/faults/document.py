@@ -91,7 +91,7 @@ def read_document(text: str, kind: type[T]) -> T:
 
 def convert_data(data: object, kind: Any) -> Any:
     """Convert plain data from JSON or YAML into a struct. If the data does not match `kind`, raise a
-    `DocumentError` with the line 0.
+    `DocumentError` whose `line` is 0.
     """
     try:
         return msgspec.convert(data, kind, dec_hook=_read_quantity)
@@ -211,8 +211,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return the structs that may contain the field at `path`, or that fit it if it holds an object, and the
-    field's types.
+    """Return the possible structs and the types of the field at `path`. If the field holds an object, the
+    structs are those that fit the object; otherwise, those that may contain the field.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)
@@ -232,7 +232,7 @@ def _parts(hint: Any) -> list[type]:
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the data's field ``action`` selects; all structs without such a field."""
+    """Return the struct that the data's field ``action`` selects; all structs if the field selects none."""
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
     return [each for each in structs if each.__struct_config__.tag == action] or structs

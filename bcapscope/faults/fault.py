@@ -1,4 +1,4 @@
-"""Base classes of the faults, which have their names from Linux tc-netem(8) and Shopify's toxiproxy.
+"""Base classes of the faults. The names of the faults come from Linux tc-netem(8) and Shopify's toxiproxy.
 
 A message is a datagram. In a TCP stream, a message is a frame, or a sequence of bytes that is not a frame.
 """
@@ -31,7 +31,7 @@ class JitterDistribution(StrEnum):
     NORMAL = "normal"
     """The jitter is the standard deviation."""
     PARETO = "pareto"
-    """Exponent 3, scaled by the jitter: most delays are short, and a few are very long."""
+    """A Pareto distribution, scaled by the jitter: most delays are short, and a few are very long."""
 
 
 class CloseMode(StrEnum):
@@ -89,7 +89,7 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         return {}
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
-        """Draw random numbers for `apply`; None if the fault does not hit the message."""
+        """Return random numbers for `apply`; None if the fault does not hit the message."""
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:

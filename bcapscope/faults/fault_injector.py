@@ -1,11 +1,12 @@
 """Applies faults to each message, with seeded random numbers. This module uses no socket and no clock.
 
 With the same seed, the same messages at the same times get the same faults. The random numbers of a fault
-depend only on the seed and on the fault's name. Each fault draws for every message that matches its
-conditions, even if another fault drops the message, so an added fault does not change the others' decisions.
+depend only on the seed and on the fault's name. A fault draws random numbers for every message that matches
+its conditions, even if another fault drops the message. An added fault therefore does not change the
+decisions of other faults.
 
-Each fault gets the messages with the changes that earlier faults made, unless one of them dropped or answered
-the message, or has the action `pass`.
+Each fault gets the messages with the changes that earlier faults made. If a fault drops a message, answers a
+request or has the action `pass`, later faults do not get the message.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ MAX_WAITING = 16 << 20
 Beyond the limit, faults drop datagrams instead of holding them, like tc-netem(8) with a full queue.
 """
 
-_OUTPUT_COST = 300  # bytes that each held message adds to its size
+_OUTPUT_COST = 300  # bytes of memory that a held message needs in addition to its data
 
 _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
@@ -57,8 +58,8 @@ class _QueuedOutput:
 
     Attributes:
         output: The `FaultOutput`; None after it has moved to another `_QueuedOutput`.
-        behind: How many more messages of the same flow must be sent before it.
-        size: Number of bytes that it adds to the total for `MAX_WAITING`.
+        behind: How many more messages of the same flow must overtake this output.
+        size: Number of bytes that this output adds to the total for `MAX_WAITING`.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -77,8 +78,8 @@ class FaultInjector:
     """Applies faults to messages. `active_faults` has the faults in the order in which they are applied."""
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
-        """Set up the faults. If two of them have the same name, raise an `InputError`. `now` is in ns of a
-        monotonic clock, for all methods. `now` plus `epoch` is in ns since 1970-01-01 UTC, for filters.
+        """Set up the faults. If two faults have the same name, raise an `InputError`. In all methods, `now`
+        is in ns of a monotonic clock. For filters, `now` plus `epoch` is in ns since 1970-01-01 UTC.
         """
         self.active_faults: list[ActiveFault] = []
         self._seed = seed
@@ -109,8 +110,8 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Remove a fault, but still send the messages that it has delayed at their planned time. If no fault
-        has this name, raise a `KeyError`.
+        """Remove a fault. The messages that the fault has delayed are still sent at their planned time. If no
+        fault has this name, raise a `KeyError`.
         """
         self.active_faults.remove(self.find(name))
         self._update_needs_pairing()
@@ -290,8 +291,8 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return the time in ns at which to close a connection: `when` for a reset; for a FIN, after all held
-        messages of the connection are sent.
+        """Return the time in ns at which to close a connection. A reset closes the connection at `when`. A
+        FIN closes the connection after all held messages of the connection are sent.
         """
         if closing.how is CloseMode.RESET:
             return when
@@ -299,8 +300,8 @@ class FaultInjector:
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
-        """Queue bytes for sending at `due`, or after all earlier bytes of the stream. Then queue each
-        reordered message that enough later messages have overtaken.
+        """Queue bytes for sending at `due`. In a stream, the bytes never overtake earlier bytes. Then queue
+        each reordered message that enough later messages have overtaken.
         """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
@@ -328,7 +329,7 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay, or only its delayed copies."""
+    """Drop a datagram that faults would delay. If faults delay only copies, drop only these copies."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

@@ -38,7 +38,8 @@ RewriteValue: TypeAlias = int | float | bool | str
 PARETO_SHAPE = 3.0
 """Shape parameter of the Pareto distribution, with the same value as in tc-netem(8)."""
 
-_PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)  # subtracted, so that the mean delay equals `time`
+# Each random number is reduced by this mean, so that the mean delay equals `time`.
+_PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 
 class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
@@ -60,7 +61,7 @@ class BurstFault(MessageFault, frozen=True, kw_only=True, tag="burst"):
 
     Attributes:
         enter, leave: Probability per message that the bad state begins or ends.
-        bad, good: Share of the messages that are dropped in this state.
+        bad, good: Share of the messages that are dropped in the bad state and in the good state.
     """
 
     enter: Share
@@ -81,8 +82,8 @@ class BurstFault(MessageFault, frozen=True, kw_only=True, tag="burst"):
 
 
 class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
-    """Forward the message later: by `time`, plus a random variation of the size `jitter`, but at least by 0.
-    Other datagrams may overtake a datagram; bytes of a stream stay in order.
+    """Delay the message by `time` plus a random deviation, which `jitter` scales. The delay is never
+    negative. Other datagrams may overtake a delayed datagram; bytes of a stream stay in order.
     """
 
     time: DurationQuantity
@@ -133,8 +134,8 @@ class ReorderFault(MessageFault, frozen=True, kw_only=True, tag="reorder"):
 
 
 class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
-    """Flip a random bit of the message `bits` times: of the byte at `offset`, or of any byte. A bit that is
-    flipped twice has its old value.
+    """Flip `bits` random bits of the byte at `offset`, or of the whole message if `offset` is None. A bit
+    that is flipped twice has its old value.
     """
 
     bits: Annotated[int, Meta(ge=1, le=10_000)] = 1
@@ -178,7 +179,7 @@ class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
 
 
 class GarbageFault(MessageFault, frozen=True, kw_only=True, tag="garbage"):
-    """Replace the message by `size` random bytes, or by as many as the message has."""
+    """Replace the message by `size` random bytes. If `size` is None, the message keeps its length."""
 
     direction: Direction | None = Direction.RESPONSE
     size: Annotated[int, Meta(ge=1, le=65507)] | None = None
@@ -307,8 +308,8 @@ class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
 
 
 class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
-    """Limit the bandwidth, separately for each direction. If more than `queue` bytes wait, datagrams are
-    dropped. Any number of bytes of a TCP stream may wait.
+    """Limit the bandwidth, separately for each direction. If more than `queue` bytes would wait, drop the
+    datagram. Any number of bytes of a TCP stream may wait.
     """
 
     rate: Rate
@@ -378,7 +379,7 @@ ACTIONS: dict[str, type[MessageFault]] = {
 }
 
 ALIASES = {"loss": "drop"}
-"""Other names of actions, from tc-netem(8). In the notation of a fault, ``loss`` requires a value."""
+"""Other names of actions, from tc-netem(8). The notation for ``loss`` requires a value: ``loss=5%``."""
 
 
 def _delayed(duration: int) -> Message:

@@ -1,5 +1,5 @@
-"""The values that a user writes in a fault. Each class has `read`, which parses a value from YAML or from the
-command line or raises an `InputError`, and `text`, which writes the value.
+"""The values that a user writes in a fault. In each class, `read` parses a value from YAML or from the
+command line, and `text` writes the value. An invalid value raises an `InputError`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LARGEST_END = 1e19
 MAX_INDEXES = 8
 """Maximum number of indexes after ``arg``. Controllers nest arrays only two levels deep."""
 
-_LONGEST_SHOWN = 150  # bits; Python refuses to convert an integer of more than about 14,000 bits to text
+_LONGEST_SHOWN = 150  # bits; Python cannot convert an integer of more than about 14,000 bits to text
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")
@@ -155,7 +155,7 @@ class FrameCondition:
 
 
 class Span:
-    """A range of numbers. Users write it as ``-90..90``, ``..90`` or ``0..``; a missing end is infinite."""
+    """A range of numbers. Users write ``-90..90``, ``..90`` or ``0..``. A missing end is infinite."""
 
     __slots__ = ("high", "low")
 
@@ -187,7 +187,7 @@ class Span:
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end of the range; a finite end for NaN."""
+        """Return the number, moved to the nearest end of the range if needed. NaN becomes a finite end."""
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
         return min(max(number, self.low), self.high)
@@ -203,8 +203,8 @@ QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Sp
 
 
 def read_path(written: str) -> tuple[int, ...]:
-    """Return the indexes (2, 0) of an argument, or of an element, such as ``arg[2][0]``. Any other text
-    raises an `InputError`.
+    """Return the indexes in the name of an argument or element, such as (2, 0) for ``arg[2][0]``. Any other
+    text raises an `InputError`.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()

@@ -32,7 +32,7 @@ ValueChange: TypeAlias = Callable[[Variant], Variant]
 """Function that returns the changed value, or the same object if nothing changes."""
 
 NumberChange: TypeAlias = Callable[[float, int], float]
-"""Function of a number and its index in an array; the index is 0 outside an array."""
+"""Function that gets a number and its array index (0 outside an array), and returns the new number."""
 
 
 class _LastMessage(NamedTuple):
@@ -84,8 +84,8 @@ def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequenc
 
 
 class Rewriter:
-    """Applies a `RewriteFault`. For its `step`, keep the latest message of each series of similar messages:
-    those of one conversation, direction, code and command.
+    """Applies a `RewriteFault`. To limit steps, the rewriter keeps the latest message of each series of
+    similar messages. Similar messages have the same conversation, direction, code and command.
     """
 
     def __init__(self, fault: RewriteFault) -> None:
@@ -97,7 +97,7 @@ class Rewriter:
         self._size = 0
 
     def rewrite(self, frame: Frame, flow: Flow) -> bytes:
-        """Return the changed bytes of `frame`. The arguments of a damaged frame are not changed."""
+        """Return the changed bytes of `frame`. In a damaged frame, change only the header."""
         fault = self._fault
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
         if frame.problems or not (self._set or self._limit or self._step):
@@ -116,8 +116,8 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change from the latest similar message. A retry gets the values of the first attempt:
-        other values would make the controller execute a new call.
+        """Limit the change of numbers since the latest similar message. A retry gets the values of the first
+        attempt: other values would make the controller execute a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)
@@ -205,7 +205,9 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Convert `setting` to the type that it names, or to that of `value`. If invalid, return `value`."""
+    """Convert `setting` to the type that `setting` names, or to the type of `value`. If `setting` is invalid,
+    return `value`.
+    """
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:
         new = parse_variant_as(text, [vt_name(value.vt)])

@@ -23,7 +23,7 @@ from bcapscope.traffic.observation import Conversation, Flow, Observation, Trans
 # times to create an object: struct 0.1 µs, named tuple 0.4 µs, frozen dataclass 0.9 µs. Unlike a named tuple,
 # a struct never equals a struct of another class.
 class SendBytes(msgspec.Struct, frozen=True):
-    """A datagram, or the next bytes of a stream, to send now. `fault_notes` says what faults did to them."""
+    """A datagram, or the next bytes of a stream, to send now. `fault_notes` names the effects of faults."""
 
     flow: Flow
     data: bytes
@@ -46,8 +46,8 @@ FaultOutput: TypeAlias = SendBytes | CloseConnection
 
 
 class FaultResult(msgspec.Struct, frozen=True):
-    """What to do now, in this order, and what each fault did to the message, such as ``loss: dropped``. The
-    `outputs` begin with the held messages that are due.
+    """Result of applying the faults to a message. `outputs` holds the actions to do now, in order, beginning
+    with held messages that are due. `fault_notes` says what each fault did, such as ``loss: dropped``.
     """
 
     outputs: list[FaultOutput]
@@ -55,7 +55,7 @@ class FaultResult(msgspec.Struct, frozen=True):
 
 
 class WireMessage:
-    """A datagram, or a piece of a stream. It is decoded only if a fault needs its frames.
+    """A datagram, or a piece of a stream. The data is decoded only when its frames are needed.
 
     Attributes:
         number: Number of the message, counted from 1 over all messages.
@@ -118,7 +118,7 @@ class WireMessage:
         )
 
     def annotate(self, requests: RecentRequests) -> None:
-        """Find the function and command of each frame. Must be called for all messages, in their order."""
+        """Find the function and command of each frame. Call this method for all messages, in their order."""
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:

@@ -1,7 +1,7 @@
 """Reads YAML as a sequence of events. bcapscope reads all its YAML input with this module.
 
-The composers of PyYAML and `msgspec.yaml` call themselves for each level of nesting. In C, they overflow the
-stack on deep input and crash the process. `yaml_events` needs no recursion, and rejects deep input.
+The composers of PyYAML and `msgspec.yaml` call themselves for each level of nesting. On deep input, their C
+code overflows the stack and crashes the process. `yaml_events` needs no recursion, and rejects deep input.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
 class YamlError(InputError):
-    """The text is not YAML, or is nested too deep. `line` and `column` count from 1; 0 if unknown."""
+    """The text is not YAML, or is nested too deep. `line` and `column` count from 1, and are 0 if unknown."""
 
     def __init__(self, reason: Message, mark: Any = None) -> None:
         super().__init__(reason)

@@ -65,7 +65,7 @@ SLOW_HOOK_NS = 2_000_000
 
 
 class AddonClient(NamedTuple):
-    """A client, as add-ons see it. No other client gets its `number`."""
+    """A client, as add-ons see it. No two clients have the same `number`."""
 
     number: int
     address: Endpoint
@@ -74,8 +74,8 @@ class AddonClient(NamedTuple):
 
 
 class PassingMessage:
-    """A message in transit. Hooks replace it by assigning other bytes to `data`. `call_kind` is the function
-    and command that the message calls or answers; None if unknown.
+    """A message in transit. Hooks replace the message by assigning other bytes to `data`. `call_kind` is the
+    function and command that the message calls or answers; None if unknown.
     """
 
     def __init__(self, client: AddonClient, message: WireMessage) -> None:
@@ -196,7 +196,7 @@ class AddonRunner(PipelineSubscriber):
         return ScriptAnswer(notices, self._errors, has_open_calls, **verdict)
 
     def _run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Pass a message to the add-ons one after another, with the changes of the previous add-ons."""
+        """Pass a message through the add-ons. Each add-on sees the changes of the previous add-ons."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -233,8 +233,8 @@ class AddonRunner(PipelineSubscriber):
             self._notices.append(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count a problem of a hook, unless it is slow. Return whether the user must see it, because this
-        kind of problem is new for the hook.
+        """Count a problem of a hook as an error, unless the hook is only slow. Return whether this kind of
+        problem is new for the hook, so that the user must see the problem.
         """
         self._errors += kind != "slow"
         key = (id(addon), name, kind)

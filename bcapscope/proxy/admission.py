@@ -26,13 +26,13 @@ remain for other addresses are enough for the clients of three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for clients that begin with a stop. If these slots are full, such
-a client replaces the oldest client in them.
+"""Number of additional slots per transport for clients that begin with a stop. If these slots are full, a new
+client that begins with a stop replaces the oldest client in these slots.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns after which the proxy may evict one more fresh client, which has sent only one datagram. This
-limit keeps the cost low if many datagrams arrive from new UDP ports.
+"""Time in ns after which the proxy may evict one more fresh client. A fresh client has sent only one
+datagram. This limit keeps the cost low if many datagrams arrive from new UDP ports.
 """
 
 REPLACE_BURST = 64
@@ -108,12 +108,14 @@ class ClientSlots:
         return _evict(next(iter(self._reserved.values()), None))
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict one client, of the network `source` if it is not None. Return False if there is none."""
+        """Evict one client, only from the network `source` if `source` is not None. Return False if the proxy
+        must not evict any client.
+        """
         return _evict(self._oldest_replaceable(source, now) or self._longest_idle(source, now))
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if the proxy must not evict any client. After a
-        search without result, return None for the same `now` without another search.
+        """Return the client that has been idle longest; None if the proxy must not evict any client. If a
+        search with the same arguments found no client, return None without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -129,7 +131,7 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client; None if there is none, or the proxy must wait with an eviction."""
+        """Return the oldest fresh client; None if no client is fresh or the proxy must not evict now."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

@@ -30,15 +30,15 @@ class ControlApi:
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
         """Control a proxy with these `rules`. `figures` returns the relay's figures under the names in
-        `ProxyStats`. `upstream` returns the state of the connection to the controller, by client number.
+        `ProxyStats`. `upstream` returns the state of a client's connection to the controller.
         """
         self._rules = rules
         self._figures = figures
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
-        """Execute a request. Return the response, and whether the request was JSON. Otherwise, the sender is
-        not a control client.
+        """Execute a request. Return the response, and whether the request was JSON. If the request is not
+        JSON, the sender is not a control client.
         """
         is_json = True
         try:

@@ -1,5 +1,5 @@
-"""The client of the control socket. Any program may listen on the proxy's address, so the client limits the
-size and the time of a response. Escape the strings in a response before you print them.
+"""The client of the proxy's control socket. Any program may listen on the proxy's address, so the client
+limits the size and the time of a response. Escape the strings in a response before you print them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy, opened by the first request, and again after a failure."""
+    """A control connection to a proxy. The first request, and each request after a failure, connects."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -59,7 +59,7 @@ class ControlClient:
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except ConnectionError as error:  # after connecting: a failure to connect raises `ControlError`
+        except ConnectionError as error:  # the connection ended; a failure to connect raises `ControlError`
             raise self._close_with_error("control.ended") from error
         except OSError as error:
             raise self._close_with_error("control.failed", reason=os_reason(error)) from error

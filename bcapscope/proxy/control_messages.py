@@ -81,8 +81,8 @@ class DisableFault(_Request, frozen=True, tag="off"):
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Sets which messages the proxy holds from now on; None for none. Without `patience`, the maximum hold
-    time stays the same.
+    """Sets which messages the proxy holds from now on. Without `condition`, the proxy holds no further
+    messages. Without `patience`, the maximum hold time stays the same.
     """
 
     condition: str | None = None
@@ -98,7 +98,7 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Either the bytes `hex` replace the held message, or the rewrite fault `rewrite` changes it."""
+    """Replaces a held message by the bytes `hex`, or changes it with the rewrite fault `rewrite`."""
 
     number: int
     hex: str = ""
@@ -123,8 +123,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. `error` holds the reason in English, `message` in the format of
-    `message_to_data`. The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request. `error` holds the reason as English text. `message` holds the reason in
+    the format of `message_to_data`. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -171,8 +171,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count the datagrams from the client and from the controller, or
-    over TCP the proxy's reads. The time of an event is None if the event never happened.
+    """A client of the proxy. `up` counts datagrams from the client, and `down` datagrams from the controller.
+    Over TCP, both count the proxy's reads. The time of an event is None if the event never happened.
     """
 
     number: JsonCount
@@ -192,7 +192,7 @@ class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A held message. `given_up` says why its client no longer waits. `more` is the old name of `retries`."""
+    """A held message. `given_up` says why the client no longer waits. `more` is an old name of `retries`."""
 
     number: JsonCount
     client: JsonEndpoint
@@ -231,7 +231,7 @@ class HeldResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """Delays in ns of data that the relay forwards unchanged. `slow` counts delays that were too long."""
+    """Delays in ns of data that the relay forwards unchanged. `slow` counts delays of more than 2 ms."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0
@@ -299,8 +299,8 @@ def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes
 
 
 def decode_request(line: bytes) -> ControlRequest:
-    """Decode a request. Raise a `JSONDecodeError` if the line is not JSON, so that its sender is not a
-    control client, or a `DocumentError` that names the invalid field.
+    """Decode a request. If the line is not JSON, and the sender therefore is no control client, raise a
+    `JSONDecodeError`. If a field is invalid, raise a `DocumentError` that names the field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request

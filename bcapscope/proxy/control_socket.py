@@ -81,7 +81,7 @@ class ControlServer:
 
 
 class _Connection:
-    """A connected control client. `last_command_at` is in seconds, minus infinity without a command."""
+    """A connected control client. `last_command_at` is in seconds; minus infinity before a command."""
 
     def __init__(self, sock: socket.socket, server: ControlServer) -> None:
         self._socket = sock

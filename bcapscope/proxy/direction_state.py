@@ -71,7 +71,7 @@ class DirectionState:
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits for the scripts. `decision` covers all data that arrived with it."""
+    """A message that waits for the scripts. `decision` covers all data that arrived at the same time."""
 
     message: WireMessage
     state: DirectionState
@@ -79,11 +79,11 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Split the waiting requests of a leaving client into bytes of stops to send, and others to drop.
+    """Split the waiting requests of a leaving client into stops to send and other requests to drop.
 
     A motion is dangerous if it starts after its client has stopped waiting. If the proxy has already sent the
-    start of a frame, the bytes to send begin with the rest of that frame: otherwise, the controller would
-    take the stop's bytes for that rest.
+    start of a frame, the rest of that frame precedes the stops. Otherwise, the controller would read the
+    first stop as the rest of that frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -130,9 +130,9 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """When the proxy forwards a stop, cancel its client's motions that still wait for the scripts. Robot_Halt
-    and Robot_Hold cancel the motions of all clients of the controller, because a program may send them over a
-    separate connection. A call that only releases something cancels no motion.
+    """When the proxy forwards a stop, cancel the same client's motions that still wait for the scripts.
+    Robot_Halt and Robot_Hold cancel the motions of all clients of the controller, because a program may send
+    these stops over a separate connection. A call that only releases something cancels no motion.
     """
     codes = {each.code for each in stop.frames}
     if not codes.isdisjoint(_HALTS):

@@ -29,7 +29,7 @@ HOLD_TIME_NS = 60_000_000_000
 """Default time in ns for which the proxy holds a message: long enough to edit it."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""All attempts of one UDP call, or all replies to them. One decision of the user applies to all of them."""
+"""All attempts of one UDP call, or all replies to these attempts. The user decides once for all of them."""
 
 
 @dataclass(eq=False, slots=True)
@@ -61,8 +61,9 @@ class HeldMessage:
         """Return the evidence that the client no longer waits for a reply; None without evidence.
 
         A motion is dangerous if it starts long after the client reported a failure to its user. A client
-        makes one call at a time, so it no longer waits after a new request or the end of its stream. Over
-        UDP, it no longer waits if it has not retried within `RETRY_WITHIN_NS`. On TCP, clients never retry.
+        makes one call at a time, so the client no longer waits after a new request or the end of its stream.
+        The same applies to a UDP client without a retry within `RETRY_WITHIN_NS`. On TCP, clients never
+        retry.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -72,13 +73,13 @@ class HeldMessage:
 
 
 InterceptResult: TypeAlias = tuple[Message, bytes | None]
-"""A note for the user, and the bytes to forward now; None for a message that is held or dropped."""
+"""A note for the user, and the bytes to forward now, or None if the message is held or dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class _PastDecision:
-    """The user's decision about a message, whose retries may still arrive until `until` in ns. `data`
-    replaces the message; None leaves it unchanged, b"" drops it.
+    """The user's decision about a message. Retries of the message may still arrive until `until` in ns.
+    `data` replaces each retry; None forwards the retries unchanged, b"" drops the retries.
     """
 
     number: int
@@ -88,14 +89,14 @@ class _PastDecision:
 
 class Intercept:
     """Holds the messages that match a filter, for at most `hold_time` ns; stops are never held. Each call is
-    held once; the user's decision also applies to its retries.
+    held once, and the user's decision also applies to the retries of the call.
     """
 
     def __init__(self, condition: FrameCondition | None = None, hold_time: int = HOLD_TIME_NS) -> None:
         self.hold_time = hold_time
         self.held_so_far = 0
         self._held: dict[int, HeldMessage] = {}
-        # a decision also moves to the end when its time is extended, so the first one expires first
+        # new and extended decisions move to the end, so the first decision in the dict expires first
         self._past_decisions: BoundedDict[_Subject, _PastDecision] = BoundedDict(MAX_HELD)
         self._attempts = AttemptCounter()
         self.set_condition(condition)
@@ -122,7 +123,9 @@ class Intercept:
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message; None for no effect. Must be called for all messages, in order."""
+        """Decide whether to hold a message. Return None if the intercept ignores the message. Call this
+        method for all messages, in order.
+        """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
         subject, is_first = self._subject(message)
@@ -155,8 +158,8 @@ class Intercept:
         return Message("held.as", number=self.held_so_far), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Stop holding a message and return it. For its retries, `data` replaces the message; None leaves it
-        unchanged, b"" drops it. If no message with this number is held, raise a `KeyError`.
+        """Stop holding a message and return it. `data` replaces later retries; None forwards the retries
+        unchanged, b"" drops the retries. If no message with this number is held, raise a `KeyError`.
         """
         held = self._held.pop(number)
         if held.subject is not None:
@@ -167,8 +170,8 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Release and return the messages that were held for the maximum time. Drop the retries of those
-        whose client no longer waits.
+        """Release and return the messages that were held for the maximum time. If the client of a message no
+        longer waits, drop later retries of the message.
         """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")

@@ -27,8 +27,8 @@ class ListenerSpecError(BcapError):
 
 @dataclass(frozen=True, slots=True)
 class ListenerSpec:
-    """The proxy listens at `listen`, where port 0 selects a free port, for the clients of the controller
-    `to`, and accepts clients from the networks `allow`; () for all networks.
+    """At the address `listen`, the proxy accepts clients of the controller `to`. Port 0 selects a free port.
+    The proxy accepts only clients from the networks `allow`; () allows all networks.
     """
 
     listen: Endpoint

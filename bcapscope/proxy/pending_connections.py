@@ -1,4 +1,4 @@
-"""TCP clients that have not yet sent a complete first frame, which decides whether they get a slot."""
+"""TCP clients without a complete first frame. The first frame decides whether a client gets a slot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client, with the bytes received so far, and their time in ns since 1970."""
+"""Function that admits a client. Arguments: socket, address, first bytes, their time in ns since 1970."""
 
 
 class PendingConnections:

@@ -24,8 +24,8 @@ class SendAction(msgspec.Struct, frozen=True):
 
 
 class CloseAction(msgspec.Struct, frozen=True):
-    """Tells the relay to close both connections of a client, with `reset` without sending waiting bytes.
-    `note` names the proxy rule that closes the connections.
+    """Tells the relay to close both connections of a client. With `reset`, the relay does not send waiting
+    bytes. `note` names the proxy rule that closes the connections.
     """
 
     client: int

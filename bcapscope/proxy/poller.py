@@ -64,8 +64,8 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
 
 
 def open_ticker(seconds: float) -> int | None:
-    """Open a file descriptor that becomes readable every `seconds`, if the system can do this. It wakes up a
-    poll without a time limit: a time limit lengthened a round trip of 21 µs by 1 µs.
+    """Open a file descriptor that becomes readable every `seconds`; None if the system cannot do this. The
+    descriptor wakes up a poll that has no time limit: a time limit lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None
@@ -91,8 +91,8 @@ class DescriptorWatcher:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may reuse the number of a descriptor that was just closed, and the current poll may still
-        report events of the closed one. A `handler` for a reused number therefore starts with the next poll.
+        The system may reuse the number of a closed descriptor while the current poll still reports events of
+        the closed descriptor. For a reused number, `handler` is therefore called only after the next poll.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler

@@ -1,8 +1,8 @@
 """Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
 Observations show the client's side: requests as received by the proxy, even if a rule dropped them, and
-replies as sent to the client. Observations of the controller's side begin when the proxy changes, delays or
-drops a message of the client.
+replies as sent to the client. For a client, observations of the controller's side begin when the proxy
+changes, delays or drops a message of the client's conversation.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from bcapscope.traffic.observation import (
 )
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation, and what a proxy rule did to the message. On the controller's side, it has the number 0."""
+"""An observation (number 0 on the controller's side), and what a proxy rule did to the message."""
 
 _offset = itemgetter(0)
 
@@ -61,8 +61,8 @@ class _DirectionStream:
 
 
 class _Client:
-    """A client. `streams` maps True to the streams of requests, and False to those of replies. If a list has
-    two streams, the first one is on the sender's side.
+    """A client. `streams` maps True to the streams of requests, and False to the streams of replies. If a
+    list has two streams, the first stream is on the sender's side.
     """
 
     def __init__(
@@ -100,8 +100,9 @@ class _Client:
 
 class RecordDecoder:
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Before the first observation between proxy and controller, call `join_legs` with the client's
-        conversation and the controller's. If `join_legs` is None, never decode the controller's side.
+        """Before observations of the controller's side, call `join_legs` with the client's conversation on
+        the client's side and on the controller's side. If `join_legs` is None, never decode the controller's
+        side.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -131,8 +132,8 @@ class RecordDecoder:
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield the observations that the records contain. `packets` holds the packet number of each record
-        in the recording, 0 for none; it is None without a recording.
+        """Yield the observations that the records contain. `packets` holds the number of each record's packet
+        in the recording, or 0 if a record has no packet. Without a recording, `packets` is None.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):

@@ -1,5 +1,5 @@
-"""The relay: one thread that moves bytes between clients and controllers without inspecting them. It writes
-all traffic into a ring buffer, which another process reads.
+"""The relay: one thread that moves bytes between clients and controllers without inspecting them. The relay
+writes all traffic into a ring buffer, which another process reads.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LONGEST_CUT_NOTE = 600
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A UDP
-client needs one, a TCP client two, or one before its first complete frame.
+client needs one descriptor. A TCP client needs one before its first complete frame, and then two.
 """
 
 
@@ -88,7 +88,7 @@ class Relay(DescriptorWatcher):
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Forward traffic until `stop` is called. Call `idle` every `POLL_INTERVAL`; it must not block."""
+        """Forward traffic until `stop` is called. `idle`, called every `POLL_INTERVAL`, must not block."""
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -133,7 +133,7 @@ class Relay(DescriptorWatcher):
                 listener.close()
 
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a rejected client. Report only the 1st, 2nd, 4th, 8th client and so on."""
+        """Count a rejected client. Report only the 1st, 2nd, 4th, 8th rejected client and so on."""
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
@@ -217,7 +217,7 @@ class Relay(DescriptorWatcher):
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a half-open fault hides every FIN and RST."""
+        """Return whether a half-open fault hides every FIN and RST of the session."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
@@ -299,7 +299,7 @@ class Relay(DescriptorWatcher):
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # only after `_sweep`: after a long pause, `_sweep` must not remove clients with unread data
+        # `now` changes after `_sweep`: after a long pause, `_sweep` must not remove clients with unread data
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -320,7 +320,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; b"" for None. If it is too long, encode the start of its English text."""
+    """Encode a note for the ring; b"" for None. Of a long note, keep only the start of its English text."""
     if note is None:
         return b""
     data = encode_message(note)

@@ -30,8 +30,8 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """Forwards data between one client and the controller. `conversation` is theirs, as if there were no
-    proxy. `last_heard` is the value of `Relay.now` when the client last sent something.
+    """Forwards data between one client and the controller. `conversation` has their addresses, not those of
+    the proxy. `last_heard` is the value of `Relay.now` when the client last sent something.
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
@@ -48,8 +48,8 @@ class RelaySession(ABC):
 
     @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
-        """Send data to the controller (`up`) or to the client. Return the time in ns since 1970; 0 if part of
-        the data still waits.
+        """Send data to the controller (`up`) or to the client. Return the time of sending in ns since 1970; 0
+        if part of the data was not sent.
         """
 
     def resume(self) -> None:  # noqa: B027 - a UDP session never pauses, and needs no code here
@@ -61,11 +61,11 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle; None if it must not be evicted for another client."""
+        """Return how many ns the client has been idle; None if the proxy must not evict the client."""
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that the rules release, then close the session; `reset` resets a stream."""
+        """Send held messages that the rules release. Then close the session; `reset` sends an RST."""
 
 
 class ClientListener(ABC):

@@ -35,7 +35,7 @@ _COMMANDS = {
 
 
 class GuardTarget(NamedTuple):
-    """Requests to block or allow: those of a function, a command in lower case, or both; None for any."""
+    """Selects requests to block or allow, by function and by command in lower case. None means any."""
 
     function_id: int | None
     command: str | None
@@ -115,10 +115,10 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        The guard refuses a damaged frame if it would refuse one of the possible interpretations. To find the
-        end of an argument, some controllers decode its value, like orin_bcap's C, C#, Java and Python code.
-        Others, and the older C client, read its length field. No controller takes bytes inside the value of
-        an argument for a frame.
+        The guard refuses a damaged frame if it would refuse one of the frame's possible interpretations. To
+        find the end of an argument, some controllers decode the value of the argument, like orin_bcap's C,
+        C#, Java and Python code. Other controllers read the length field of the argument, like the older C
+        client. No controller takes bytes inside the value of an argument for a frame.
         """
         if _only_stops(request):
             return None
@@ -167,8 +167,9 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    A plain frame has its number of arguments where a compressed frame has a zlib header, which reads as 376
-    or more. A compressed frame is unambiguous if that would be too many arguments for its length.
+    Where a compressed frame has its zlib header, a plain frame has its number of arguments. As a number of
+    arguments, a zlib header means 376 or more. A frame that is too short for this number of arguments can
+    only be a compressed frame.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -21,7 +21,7 @@ _HEADER_SIZE = 4096
 """Size in bytes of the header, which holds the positions in the ring, `urgency`, `counts` and `figures`."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes after the ring. A record near the end of the ring extends into them, so that no record is
+"""Number of bytes after the ring. A record near the end of the ring extends into these bytes and is not
 split. `RING_OVERHEAD` is a multiple of every page size, because systems round shared memory up to pages.
 """
 
@@ -119,13 +119,13 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many received, and how many sent bytes are missing according to a `HOLE` record."""
+    """Return how many received bytes and how many sent bytes are missing according to a `HOLE` record."""
     received, sent = _HOLE.unpack(record.data)
     return received, sent
 
 
 class _Hole(NamedTuple):
-    """Numbers of missing bytes of one direction, and the times in ns of the last ones."""
+    """Numbers of missing bytes of one direction, and the times in ns of the last missing bytes."""
 
     received: int = 0
     sent: int = 0
@@ -135,7 +135,7 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory, initially all zero, with `RING_OVERHEAD` plus a multiple of 8 bytes."""
+        """Use zeroed shared memory. Its size is `RING_OVERHEAD` plus a multiple of 8 bytes."""
         self._marks = memory[:_HEADER_SIZE].cast("Q")
         self._space = memory[_HEADER_SIZE:]
         self._size = len(memory) - RING_OVERHEAD
@@ -169,7 +169,7 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Fields: whether it goes to the controller, client, ancillary data, time of sending in ns or 0, bytes."""
+"""Fields: True if from the client, client number, ancillary data, sending time in ns or 0, bytes."""
 
 
 class RingWriter(_Ring):
@@ -179,7 +179,7 @@ class RingWriter(_Ring):
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams to which the relay appends until it calls `flush`.
-        streams: Numbers of the TCP clients, whose bytes leave a hole if they do not fit into the ring.
+        streams: Numbers of the TCP clients. Their bytes leave a hole if the ring is full.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -275,8 +275,8 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the `HOLE` records of a client. If the ring lacks room for these records and the next record,
-        with `size` bytes of data and note, write nothing and return False: one long hole is better than many.
+        """Write the `HOLE` records of a client. The ring must also have room for the next record, with `size`
+        bytes of data and note. Otherwise, write nothing and return False: one long hole is better than many.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -319,8 +319,9 @@ class RingWriter(_Ring):
     ) -> None:
         """Write a record that must not be lost, as soon as the ring has room. Later records wait for it.
 
-        Even if the reader stops, the number of waiting records is limited: a client that disconnects while
-        its `CLIENT_OPENED` record waits leaves no records, and messages for the user are lost.
+        Even if the reader stops, the number of waiting records is limited. A client that disconnects while
+        its `CLIENT_OPENED` record waits leaves no records. Beyond `MAX_WAITING_NOTICES` waiting records,
+        further messages for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -361,7 +362,7 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """One of the watcher's two readers of the ring. `position` is the number of bytes that it has read."""
+    """One of the watcher's two readers of the ring. `position` counts the bytes that this reader has read."""
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
         """Read from the beginning. With `ahead`, records stay in the ring after this reader has read them."""
@@ -375,7 +376,7 @@ class RingReader(_Ring):
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
         """Return at most `limit` records. A record that may still be incomplete stays in the ring until the
-        next call. With `until`, a position up to which another reader has read, stop there.
+        next call. With `until`, stop at this position, up to which the other reader has read.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

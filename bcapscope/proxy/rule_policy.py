@@ -135,8 +135,8 @@ class RulePolicy:
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """Remove the waiting messages of a client that leaves. Return the actions that the relay must still
-        do: send replies and stops. All other requests are dropped, as are all messages of a blocked
-        conversation.
+        do: actions that were already decided, replies and stops. Drop all other requests. If a half-open
+        fault blocks the conversation, drop all waiting messages.
         """
         work = PolicyDecision(client)
         lost: list[Frame | bytes] = []
@@ -207,8 +207,8 @@ class RulePolicy:
         return report_lines(self)
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply the decisions in `data` from the scripts' process; b"" if it has ended. `pop_due_actions`
-        returns the resulting actions.
+        """Apply the decisions in `data` from the scripts' process. If `data` is empty, the process has ended.
+        `pop_due_actions` returns the resulting actions.
         """
         if self.scripts is not None:
             decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)
@@ -219,8 +219,8 @@ class RulePolicy:
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._clients.values())
 
     def on_rules_changed(self, now: int) -> None:
-        """After a change of the faults or of the intercept: if no rule needs whole frames any more, forward
-        the incomplete frames.
+        """If no rule needs whole frames any more, forward the incomplete frames. Call this method after a
+        change of the faults or of the intercept.
         """
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
@@ -264,7 +264,7 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: PolicyDecision
     ) -> WireMessage | None:
-        """Pass a message to the scripts. Return it if it must be forwarded now."""
+        """Pass a message to the scripts. Return the message to forward now; None if there is none."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message
@@ -326,7 +326,9 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
     ) -> WireMessage | None:
-        """Refuse the frames that may move the robot. Return the others; None if all were refused."""
+        """Refuse the frames that may move the robot. Return the rest of the message, or None if all was
+        refused.
+        """
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
         if not refused:
@@ -384,8 +386,8 @@ class RulePolicy:
                 work.actions.append(CloseAction(client, output.how is CloseMode.RESET, note))
 
     def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
-        """Forward a message, after a check of requests by the guard. In a stream, join successive pieces if
-        no rule changed any of them.
+        """Forward a message. Before that, the guard checks requests. In a stream, join successive pieces that
+        no rule changed.
         """
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:

@@ -38,8 +38,8 @@ def report_lines(rules: RulePolicy) -> list[Message]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the most frequent names of the lost requests, with a count for each name. All data without a
-    frame has one name.
+    """Return the most frequent names of the lost requests, with a count for each name. All bytes that are not
+    a frame have the same name.
     """
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED

@@ -32,8 +32,8 @@ def main(
     descriptor: int | None, traces: int | None, parent: int, paths: Sequence[str], megabytes: int
 ) -> None:
     """Run scripts until the proxy with the process id `parent` ends. `descriptor` is the socket to the proxy;
-    None on Windows, where standard input describes the socket. On SIGUSR1, the process writes its current
-    script line to the file descriptor `traces`, if possible.
+    None on Windows, where the process reads a description of the socket from standard input. On SIGUSR1, the
+    process writes its current script line to the file descriptor `traces`, unless `traces` is None.
     """
     proxy = _shared_socket() if descriptor is None else socket.socket(fileno=descriptor)
     try:
@@ -66,7 +66,7 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Limit the memory of this process, and make it report its script line and end with the proxy."""
+    """Limit the memory of this process. Make the process report its script line and end with the proxy."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # the proxy had already ended before prctl took effect

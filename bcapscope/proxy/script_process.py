@@ -105,8 +105,8 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded, but at most `seconds`. Return whether they are. Call `attach`
-        first. If a script fails to load or has no add-on, raise a `ScriptError`.
+        """Wait until the scripts are loaded, but at most `seconds`. Return whether the scripts are loaded.
+        Call `attach` first. If a script fails to load or has no add-on, raise a `ScriptError`.
         """
         until = time.monotonic() + seconds
         try:
@@ -158,7 +158,7 @@ class ScriptProcess:
         self._flush()
 
     def receive(self) -> bytes | None:
-        """Return the bytes that have arrived; None if there are none, b"" if the process has ended."""
+        """Return the bytes that have arrived; None if no bytes have arrived, b"" if the process has ended."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -172,15 +172,17 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """Kill the process. Return the reason if it had already ended, and its last script line if known."""
+        """Kill the process. If the process had already ended, return the reason. Also return the last script
+        line, if known.
+        """
         code = self._exit_code()
         self._kill()
         found = None if code is None else _exit_message(code), self._script_location()
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send `frame`, which tells the scripts to finish. Pass received bytes to `is_done` until it returns
-        True. Return whether it did so within `FINISHES_WITHIN`.
+        """Send `frame`, which tells the scripts to finish. Pass received bytes to `is_done` until `is_done`
+        returns True. Return False if this takes longer than `FINISHES_WITHIN`.
         """
         self._unwatch()
         self.send(frame)

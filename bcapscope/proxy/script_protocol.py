@@ -48,8 +48,8 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """Passes a datagram, a frame of a stream, or bytes that are not a frame to the scripts. It goes `up` to
-    the controller, or to the client. `now` is in ns of the relay's clock, `time` in ns since 1970.
+    """Passes a datagram, a frame of a stream, or bytes that are not a frame to the scripts. `up` is True
+    toward the controller. `now` is in ns of the relay's clock, `time` in ns since 1970.
     """
 
     client: int
@@ -121,7 +121,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""Message from the scripts' process. The first one says whether the scripts are usable; answers follow."""
+"""Message from the scripts' process. Only the first message says whether the scripts are usable."""
 
 _encoder = msgspec.msgpack.Encoder()
 
@@ -142,7 +142,7 @@ class FrameUnpacker(Generic[T]):
         self._buffer += data
 
     def next_frame(self) -> T | None:
-        """Return the next message; None if it is incomplete. Invalid bytes raise a `WireError`."""
+        """Return the next message; None if its end is still missing. Invalid bytes raise a `WireError`."""
         buffer = self._buffer
         if len(buffer) < _HEAD:
             return None

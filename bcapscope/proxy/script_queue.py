@@ -46,7 +46,7 @@ longer.
 """
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams per client. One call needs at most eight, one for each attempt."""
+"""Maximum number of waiting datagrams per client. One call needs at most eight datagrams, one per attempt."""
 
 MAX_BYTES = 1 << 16
 """Maximum number of waiting bytes per client. Above this limit, the proxy does not read the client's stream,
@@ -57,12 +57,12 @@ MAX_BYTES_IN_ALL = 1 << 22
 """Above this number of waiting bytes of all clients, the scripts get only messages that need a decision."""
 
 _LATE = 20_000_000
-"""Delay of the relay in ns above which the relay extends the scripts' time limit: a busy computer may delay
-the scripts too.
+"""If the relay is late by more than this time in ns, the scripts get more time: a busy computer may delay the
+scripts too.
 """
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""Time in ns for a process whose scripts are switched off to report its script line, before it is killed."""
+"""After switching the scripts off, the proxy waits this time in ns for a report of the script line."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
 """Minimum time in ns from one `ExpireCalls` order to the next."""
@@ -73,7 +73,7 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """A `ScriptOrder` that the scripts have not answered yet. `undecided` is None if its `message` needs no
+    """A `ScriptOrder` that the scripts have not answered yet. `undecided` is None if the `message` needs no
     decision.
     """
 
@@ -136,7 +136,9 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames: for hooks, or to refuse motions without scripts."""
+        """Whether streams must be split into frames, because hooks need frames, or because the proxy refuses
+        motions while the scripts are off.
+        """
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
@@ -149,7 +151,7 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. If `undecided` is not None, the message waits for their decision."""
+        """Pass a message to the scripts. The message waits for a decision unless `undecided` is None."""
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -188,7 +190,7 @@ class ScriptQueue:
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off. Yield each waiting message without an answer."""
+        """Switch the scripts off. Yield each waiting message, with None instead of an answer."""
         if self.is_on:
             why = Message("script.ended-between")
             if self._queue:
@@ -241,7 +243,7 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Return the bytes of the waiting messages of one direction, and ignore decisions about them."""
+        """Return the bytes of waiting messages of one direction. Ignore decisions about these messages."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.undecided is not None and each.undecided.state.flow is flow:
@@ -280,7 +282,7 @@ class ScriptQueue:
             yield waiting.undecided, answer
 
     def _count(self, waiting: PendingOrder, sign: int) -> None:
-        """Add a message that waits for a decision to the counts (`sign` 1), or subtract it (`sign` -1)."""
+        """Count a message if the message waits for a decision. A `sign` of -1 subtracts the message."""
         if waiting.undecided is not None:
             client = waiting.undecided.state.client
             self._counts[client] += sign

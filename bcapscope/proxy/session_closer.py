@@ -1,7 +1,7 @@
 """Tracks which sessions clients have left open at a controller, and makes the requests that close them.
 
-Over UDP, a controller cannot notice that a client is gone: its handles stay open, its arm stays taken, and
-slave mode stays on. None of the closing requests moves the robot.
+Over UDP, a controller cannot notice that a client is gone: the client's handles stay open, the arm stays
+taken, and slave mode stays on. None of the closing requests moves the robot.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _TAKE, _GIVE = "takearm", "givearm"
 
 
 class CloseSequence(NamedTuple):
-    """Frames that close a session that its client left open, each sent after the reply to the previous one.
-    `open_state` is what the client left open besides handles: slave mode, the arm or both.
+    """Requests that close a session which its client left open. Each request must wait for the reply to the
+    previous request. `open_state` is what the client left open besides handles: slave mode, the arm or both.
     """
 
     conversation: Conversation
@@ -94,7 +94,7 @@ class SessionCloser(PipelineSubscriber):
         return Message("session.open.arm") if has_arm else None
 
     def _closing_requests(self, session: ServiceSession, last_call: Call) -> Iterator[bytes]:
-        """Continue the client's serials, and use its convention for the reserved field."""
+        """Yield requests with the client's next serials and its convention for the reserved field."""
         robots = self._slave_mode.find(session.conversation).robots
         arms = self._arm_handles.get(session.conversation, {})
         objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]

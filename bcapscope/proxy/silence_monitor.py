@@ -19,8 +19,8 @@ class SilenceMonitor:
         self._silent_since: dict[Conversation, int] = {}
 
     def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[Message]:
-        """Yield a message for each client that has fallen silent or sends again. `clients` are those in slave
-        mode, each with the time in ns of its last request before `now`.
+        """Yield a message for each client that has fallen silent or sends again. `clients` holds the clients
+        in slave mode, each with the time of its last request. All times are in ns.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

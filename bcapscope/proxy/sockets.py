@@ -25,7 +25,7 @@ _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted. Above this limit, a new client must try again after
+"""Maximum number of connections that wait to be accepted. A new client beyond this limit must try again after
 a second, which is too late for a stop.
 """
 
@@ -106,7 +106,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
 
 
 def keep_alive(sock: socket.socket) -> None:
-    """Close a connection two minutes after the other computer has disappeared, instead of hours."""
+    """Let the system close a connection two minutes, not hours, after the other computer disappears."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
         if hasattr(socket, name):
@@ -127,7 +127,7 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
 
 
 def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
-    """Return the address by which `client` reaches a UDP socket, even if it listens on all addresses."""
+    """Return the address by which `client` reaches a UDP socket that may listen on all addresses."""
     own = sock.getsockname()
     if own[0] not in ("0.0.0.0", "::"):
         return endpoint_of(own)

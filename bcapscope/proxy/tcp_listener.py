@@ -40,7 +40,7 @@ class TcpListener(ClientListener):
                 return
 
     def _accept(self) -> bool:
-        """Accept one waiting client. Return False if no client waited, or after an error."""
+        """Accept one waiting client. Return False if no client waited, or if an error occurred."""
         relay = self.relay
         try:
             accepted = accept_connection(self.socket, partial(relay.free_descriptor, is_admitted=False))
@@ -86,7 +86,7 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for about a second. Report one error until the listener accepts a client."""
+        """Stop accepting clients for about a second. Report only the first of several errors in a row."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(

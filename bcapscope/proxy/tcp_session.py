@@ -1,5 +1,5 @@
-"""TCP sessions of the proxy. A session forwards data, FINs and RSTs. If a receiver is slow, it also slows the
-sender.
+"""TCP sessions of the proxy. A session forwards data, FINs and RSTs. If a receiver is slow, the session reads
+less from the sender.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ has ended or is blocked, a new client may replace the session's client after thi
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns after which a new client may replace a client that has sent a FIN, after which the
-controller has sent bytes or a FIN.
+"""A client counts as answered if the controller has sent bytes or a FIN after the client's FIN. After this
+idle time in ns, a new client may replace an answered client.
 """
 
 MAX_PENDING = 1 << 18
-"""With rules, a session stops reading from a sender while more than this many bytes wait for the receiver;
-without rules, while any bytes wait.
+"""With rules, a session stops reading from a sender while more than this many bytes wait for the receiver.
+Without rules, a session stops reading while any bytes wait.
 """
 
 _AT_ONCE = 1 << 16
@@ -50,8 +50,9 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 
 @dataclass(eq=False, slots=True)
 class _HalfConnection:
-    """One direction of a connection: bytes from the socket `source` to the socket `sink`, which accepts the
-    `pending` bytes later. `mask` has the events of the source; None if the relay does not watch the source.
+    """One direction of a connection, from the socket `source` to the socket `sink`. The sink has not yet
+    accepted the `pending` bytes. `mask` holds the watched events of the source; None if the source is not
+    watched.
     """
 
     up: bool
@@ -72,8 +73,9 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. `ends` are the sockets toward the client, and toward the controller, which still
-        connects. `first` are the client's first bytes, and their time of arrival in ns since 1970.
+        """Register a client. `ends` are the sockets toward the client and toward the controller. The second
+        socket is still connecting. `first` are the client's first bytes, and their time of arrival in ns
+        since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
@@ -168,7 +170,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts. Report the number of the others as lost."""
+        """Write as many pending bytes as the system accepts. Report how many bytes are lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -292,8 +294,8 @@ class TcpSession(RelaySession):
                 ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write as many bytes as the sink accepts, and keep the others as pending. Return the time in ns
-        since 1970, and the number of written bytes.
+        """Write as many bytes as the sink accepts, and keep the remaining bytes as pending. Return the time
+        of writing in ns since 1970, and the number of written bytes.
         """
         sent = 0
         sent_at = time.time_ns()
@@ -326,7 +328,7 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the FIN of a direction after its last bytes. After both FINs, close the session."""
+        """Forward a direction's FIN after its last bytes. After both FINs, close the session."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True
@@ -337,8 +339,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Close a socket after its error. End the session, unless a half-open fault hides the error from the
-        other end.
+        """Close a socket that reported an error. End the session, unless a half-open fault hides the error
+        from the other end.
         """
         was_reset = problem in _RESETS
         if was_reset:
@@ -354,8 +356,8 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether the session may read more bytes of a direction: not if the proxy holds too much
-        data, or the receiver is slow.
+        """Return whether the session may read more bytes of a direction. The session must not read if the
+        proxy holds too much data, or if the receiver is slow.
         """
         policy = self._relay.policy
         if self._relay.pauses_reading(self):

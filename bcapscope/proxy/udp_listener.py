@@ -1,4 +1,4 @@
-"""UDP clients. Each has its own socket toward the controller, which distinguishes clients by port."""
+"""UDP clients. Each client has its own socket toward the controller: the controller knows clients by port."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. If it sends again, the controller sees a new
-client. The time can be long: the socket of a silent client costs almost nothing.
+"""The relay removes a client that is silent for this time in ns. If the client sends again, the controller
+sees a new client. The time can be long: the socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -51,8 +51,8 @@ _MAX_STRANGERS = 256
 
 
 class UdpListener(ClientListener):
-    """A UDP socket to which clients send their requests. `sessions` are those of the clients that have sent
-    more than one datagram, by client address. `refused` is True while the controller refuses datagrams.
+    """A UDP socket to which clients send their requests. `sessions` maps client addresses to sessions of
+    clients that have sent more than one datagram. `refused` is True while the controller refuses datagrams.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
@@ -87,7 +87,7 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Find or create the session of a client that is not in `sessions` yet; None if rejected."""
+        """Return the session of a client that is not in `sessions` yet; None if the client is rejected."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -166,7 +166,7 @@ class UdpSession(RelaySession):
         return sent_at
 
     def forward(self, up: bool, data: bytes) -> int:
-        """Like `send`, but do not count the datagram. Return 0 if the system refused to send it."""
+        """Like `send`, but do not count the datagram. Return 0 if the system refused to send the datagram."""
         sent_at = time.time_ns()
         try:
             if up:
@@ -187,8 +187,9 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests on behalf of the client, each after the reply to the previous one, and nothing after
-        `until`, a time of `time.monotonic`. Return how many got a reply. This method blocks the relay.
+        """Send requests on behalf of the client, each after the reply to the previous request. Send nothing
+        after `until`, a time of `time.monotonic`. Return how many requests got a reply. This method blocks
+        the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -230,7 +231,7 @@ class UdpSession(RelaySession):
         self._count_drops()  # the listener removes silent clients
 
     def notify_refused(self) -> None:
-        """Report once that the controller refuses datagrams, until it sends one."""
+        """Report only once that the controller refuses datagrams, until the controller sends a datagram."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
