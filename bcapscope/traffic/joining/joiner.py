@@ -360,7 +360,7 @@ class Joiner(LegJoiner):
 
 
 def _joined_conversation(first: Conversation, side: CaptureSide) -> Conversation:
-    """Return the conversation at the client's side, of which `side` was captured first."""
+    """Return the conversation at the client's side. `first` was captured at `side`."""
     ends = side.twins.client_ends
     if side.place is CapturePlace.CLIENT_SIDE or ends is None:
         return first
