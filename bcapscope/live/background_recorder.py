@@ -1,7 +1,7 @@
 """Records the traffic of a server or client in the same process; a separate thread writes to the disk.
 
-The thread of the server or client encodes packets while it is idle. A second thread for encoding would hold
-Python's interpreter lock and delay replies by milliseconds.
+A server encodes packets in its own thread while the server is idle. A client encodes packets at once. A
+second thread for encoding would hold Python's interpreter lock and delay replies by milliseconds.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class BackgroundRecorder:
             self._queue_step(0, lambda recording: recording.drop_connection(client, server))
 
     def on_idle(self) -> bool:
-        """Encode packets while no request waits for a reply. Return whether some still wait."""
+        """Encode waiting packets for at most `_MAKE_FOR_NS`. Return whether packets still wait."""
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
@@ -123,7 +123,9 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode and write the waiting packets within `_ENDS_WITHIN` each. Return whether none was lost."""
+        """Encode the waiting packets, then write them; each step takes at most `_ENDS_WITHIN`. Return whether
+        no packet was lost.
+        """
         self._make_packets(round(_ENDS_WITHIN * 1e9))
         self._is_closing.set()
         self._has_work.set()
@@ -155,7 +157,7 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return a comment with their number; "" if none is missing."""
+        """Resume after missing packets. Return a comment with their number; "" if no packet is missing."""
         if not self._skipped:
             return ""
         missing, self._skipped = self._skipped, 0

@@ -18,7 +18,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 
 START_TIMEOUT = 60.0
-"""Maximum time in seconds until the command listens. A busy machine may need many seconds to load it."""
+"""Maximum time in seconds until the command listens. A busy machine may load the command slowly."""
 
 END_TIMEOUT = 8.0
 """Maximum time in seconds that the command may take to end after each signal."""
@@ -27,7 +27,7 @@ _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start. `lines` are all lines that it printed on standard error."""
+    """The command did not start. `lines` are the last lines that the command printed on standard error."""
 
     def __init__(self, message: Message, code: int, lines: Sequence[str] = ()) -> None:
         super().__init__(message)
@@ -36,7 +36,7 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A running bcapscope command, with the addresses that it reported; `control_address` may be ""."""
+    """A running bcapscope command, with the addresses from its report. `control_address` may be ""."""
 
     def __init__(self, *words: str) -> None:
         """Start ``bcapscope WORDS --attended`` and wait until it listens. Raises ChildStartError."""
@@ -108,13 +108,15 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output, after the line with the addresses. The caller closes it."""
+        """Return the pipe of the command's further standard output. The caller closes the pipe."""
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line printed so far; another thread calls it with later lines."""
+        """Call `on_output` with each line that the command printed so far. Another thread calls `on_output`
+        with later lines.
+        """
         with self._lock:
             self._on_output = on_output
             lines = list(self._output)
@@ -122,8 +124,9 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """If the command ends unexpectedly, call `on_end` with its last line, or "" if a signal killed it.
-        This happens at once if the command has already ended, else in another thread.
+        """If the command ends unexpectedly, call `on_end` with the last line that the command printed on
+        standard error. If a signal killed the command, call `on_end` with "". If the command has already
+        ended, call `on_end` at once. Otherwise, another thread calls `on_end` later.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

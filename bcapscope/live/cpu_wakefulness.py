@@ -1,12 +1,13 @@
 """Keeps processors out of deep sleep while set points arrive, for `proxy --low-latency`.
 
-A processor needs a few microseconds to wake from light sleep, a hundred or more to wake from deep sleep, and
-tens of microseconds in a virtual machine, whose host wakes it. A round trip through the proxy contains two
-wake-ups, or four if client and controller run on the proxy's machine.
+A processor needs a few microseconds to wake from light sleep, and a hundred or more to wake from deep sleep.
+In a virtual machine, a wake-up takes tens of microseconds, because the host wakes the processor. A round trip
+through the proxy contains two wake-ups, or four if client and controller run on the proxy's machine.
 
-A program can set a wake-up limit for all processors: a maximum time to wake (power/pm_qos_interface). Idle
-processors then use more electricity or, in a virtual machine, more of the host's processor time. The proxy
-sets the limit only while there is much traffic, and removes it if the host takes too much processor time.
+A program can set a wake-up limit for all processors: the maximum time that a processor may need to wake
+(power/pm_qos_interface). With this limit, idle processors use more electricity or, in a virtual machine, more
+of the host's processor time. The proxy sets the limit only while there is much traffic, and removes it if the
+host takes too much processor time.
 """
 
 from __future__ import annotations
@@ -62,8 +63,9 @@ _STEAL_COLUMN = 8
 class CpuWakefulness:
     """Keeps the processors out of deep sleep with a wake-up limit, while there is much traffic.
 
-    This needs root rights or a udev rule that grants access. In a KVM guest with the haltpoll driver, the
-    limit keeps idle processors fully awake. Linux drops it when the process closes the device file or ends.
+    The limit needs root rights, or a udev rule that grants access to the device file. In a KVM guest with the
+    haltpoll driver, the limit keeps idle processors fully awake. Linux drops the limit when the process
+    closes the device file or ends.
     """
 
     def __init__(self) -> None:
@@ -79,8 +81,8 @@ class CpuWakefulness:
         return self._device is not None
 
     def update(self, datagrams: int, now: float) -> None:
-        """Adapt the limit to the traffic, about twenty times per second. `datagrams` is the total number so
-        far, `now` the time of a monotonic clock in seconds.
+        """Adapt the limit to the traffic. Call this method about twenty times per second. `datagrams` is the
+        number of datagrams so far. `now` is the time of a monotonic clock in seconds.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -115,7 +117,7 @@ class CpuWakefulness:
                 os.close(device)
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Compare the time that the host took since the previous check with `MAX_STOLEN_SHARE`."""
+        """Return whether the host took more than `MAX_STOLEN_SHARE` of the time since the previous check."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         return self._stolen_before - before > MAX_STOLEN_SHARE * since
@@ -131,7 +133,7 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return how many datagrams were received; `_STREAM_BYTES_EACH` bytes of TCP count as one."""
+    """Return the number of received datagrams. `_STREAM_BYTES_EACH` bytes of TCP count as one datagram."""
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 

@@ -13,9 +13,9 @@ T = TypeVar("T")
 class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
-    SIGTERM, with which scripts end a background program, has the same effect. The first signal takes effect
-    only while the program waits for input, a second one at once. Create the object in the main thread,
-    because only the main thread handles signals.
+    SIGTERM is delayed like Ctrl-C, because scripts end a background program with SIGTERM. The first signal
+    takes effect only while the program waits for input. A second signal takes effect at once. Create the
+    object in the main thread, because only the main thread handles signals.
     """
 
     def __init__(self) -> None:
@@ -39,8 +39,8 @@ class DeferredInterrupts:
         return found
 
     def do_while_waiting(self, work: Callable[[], object]) -> None:
-        """Call `work` while `read` waits for input. After `work`, raise KeyboardInterrupt, which
-        `read_or_stop` handles, if the user pressed Ctrl-C meanwhile.
+        """Call `work` while `read` waits for input. After `work`, raise KeyboardInterrupt if the user has
+        pressed Ctrl-C. `read_or_stop` handles this exception.
         """
         self._is_waiting = False
         work()

@@ -26,7 +26,7 @@ def interrupt_on_end_signals() -> None:
 
 
 def run_interruptible(work: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine. SIGTERM and SIGHUP cancel it at an `await`, and then raise KeyboardInterrupt."""
+    """Run a coroutine. SIGTERM or SIGHUP cancels the coroutine, then raises KeyboardInterrupt."""
     return asyncio.run(_interruptible(work))
 
 
@@ -57,9 +57,10 @@ async def _interruptible(work: Coroutine[Any, Any, T]) -> T:
 
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Deliver Ctrl-C, SIGTERM and SIGHUP as bytes with the signal's number, through a non-blocking socket.
+    """Yield a non-blocking socket that receives the signal's number, as a byte, for Ctrl-C, SIGTERM and
+    SIGHUP.
 
-    Such a signal cannot end the program between two steps that belong together. Raises FileWriteError.
+    A signal therefore cannot end the program between two steps that belong together. Raises FileWriteError.
     """
     try:
         here, there = socket.socketpair()
@@ -84,10 +85,10 @@ def end_signal_socket() -> Iterator[socket.socket]:
 
 @contextmanager
 def end_signals_blocked() -> Iterator[None]:
-    """Child processes that start in this `with` block receive Ctrl-C only after they have loaded.
+    """Child processes that start in this `with` block never receive Ctrl-C, SIGTERM or SIGHUP.
 
-    A terminal sends Ctrl-C to all its processes, and a child that loads would end with a traceback. The
-    children never receive SIGTERM or SIGHUP. This process receives its signals when the block ends.
+    Ctrl-C reaches every process of a terminal. A child process that is still loading would end with a
+    traceback. The parent process receives its own signals when the block ends.
     """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield

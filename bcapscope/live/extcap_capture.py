@@ -67,7 +67,7 @@ def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
 
     A child process is needed because Wireshark would show the command's messages on standard error as errors.
     The first signal ends the command gracefully; further signals have no effect. Raises CaptureFailedError if
-    the command did not start, or ended too early.
+    the command did not start, or ended before Wireshark ended the capture.
     """
     if not ends.empty():
         return

@@ -1,4 +1,4 @@
-"""Options and entry point of the watcher. The relay also loads this module, so it imports little."""
+"""Options and entry point of the watcher. This module has few imports, because the relay also loads it."""
 
 from __future__ import annotations
 
@@ -25,18 +25,20 @@ if TYPE_CHECKING:
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """The relay sends `BEGIN`, and the watcher answers `READY`. The relay sends `CLOSE_SESSIONS`, and the watcher
-answers with a JSON list of `ClosingRequests`. Any other message is advice for warnings of a slow proxy.
+answers with a JSON list of `ClosingRequests`. The watcher adds any other message, as advice, to its warning
+of a slow proxy.
 """
 
 INCOMPLETE = 6
-"""Exit code of the watcher if the recording is incomplete; not 1, Python's exit code after a traceback."""
+"""Exit code of the watcher if the recording is incomplete. Code 1 is Python's exit code after a traceback."""
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """Frames that close a session that a UDP client left open, each sent after the reply to the previous one.
+    """Frames that close a session that a UDP client left open. The relay sends each frame after the reply to
+    the previous frame.
 
-    `open_state` is an encoded message (see `encode_message`) that says whether the client left slave mode on
-    or kept the arm; b"" if it left only open handles.
+    `open_state` is an encoded message (see `encode_message`): the client left slave mode on, or kept the arm.
+    `open_state` is b"" if the client left only open handles.
     """
 
     client: int

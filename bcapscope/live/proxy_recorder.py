@@ -24,8 +24,8 @@ _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
 
 @dataclass(slots=True)
 class _ProxySide:
-    """One leg of a client's traffic. `endpoints` are source and target of packets to the client, and to the
-    controller. `begun` says whether the recording contains the start of the TCP connection.
+    """One leg of a client's traffic. `endpoints` holds source and target of packets to the client, then of
+    packets to the controller. `begun` says whether the recording contains the start of the TCP connection.
     """
 
     is_client_side: bool
@@ -39,7 +39,7 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""A packet to write: ns since 1970, leg, record of the ring buffer, and number of that record."""
+"""A packet to write: time (ns since 1970), leg, record of the ring buffer, and number of that record."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
@@ -51,7 +51,7 @@ class ProxyRecorder:
     """Converts the relay's records into packets, sorts them by time, and writes them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """With `keeps_packet_numbers`, numbers are kept until `next_packet_numbers` returns them."""
+        """With `keeps_packet_numbers`, keep the packet numbers until `next_packet_numbers` returns them."""
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
         self._record_count = self._numbers_given = 0
@@ -64,7 +64,7 @@ class ProxyRecorder:
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order. A packet waits while earlier packets may still arrive; a
-        later call of `add_records` or `flush` writes it.
+        later call of `add_records` or `flush` writes the packet.
         """
         if not self._recorder.is_complete:
             return
@@ -127,8 +127,9 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return the number of the last packet on the client's leg for each of the relay's next `count`
-        records; 0 if there is none. The numbers are valid only for a recording in one file.
+        """Return one packet number for each of the relay's next `count` records: its last packet on the
+        client's leg. The number is 0 if the record has no such packet. The numbers are valid only for a
+        recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count

@@ -76,7 +76,7 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """Runs the relay, and starts and ends the watcher process. `relay` may be used before it runs."""
+    """Runs the relay, and starts and ends the watcher process. `relay` may be used before `run`."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class ProxySupervisor:
         low_latency: bool = False,
     ) -> None:
         """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`. Raises
-        FileWriteError if the shared memory or the relay's means to wait cannot be created.
+        FileWriteError if the shared memory or the relay cannot be created.
         """
         self._options = options
         self._words = MessageFormatter(options.view.language)
@@ -126,10 +126,12 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        `wait_for_scripts(seconds)` waits at most `seconds` for the scripts to start, and returns whether they
-        have. The watcher loads meanwhile, which saves 20 to 30 ms, and records when all scripts have started.
+        `wait_for_scripts(seconds)` waits at most `seconds` for the scripts to start, and returns whether the
+        scripts have started. The watcher loads while the scripts start, which saves 20 to 30 ms. The watcher
+        records only after all scripts have started.
 
-        Raises FileWriteError if the recording or the process fails, KeyboardInterrupt after a signal.
+        Raises FileWriteError if the recording or the watcher process fails, and KeyboardInterrupt after a
+        signal.
         """
         arguments = self._memory.name, self._watcher_end, self._options
         watcher = self._context.Process(target=run_watcher, args=arguments, name="watch")
@@ -249,7 +251,7 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory, which is freed when all its users have ended."""
+        """Remove the name of the shared memory. The memory is freed when all its users have ended."""
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
@@ -312,8 +314,9 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read the requests that close sessions, if they have arrived. A closed pipe means that the watcher
-        has ended. Never wait: if the message was already read, relay and watcher would block each other.
+        """Read the closing requests from the watcher if these requests have arrived. A closed pipe means that
+        the watcher has ended. Never wait for a message: if the message was already read, relay and watcher
+        would block each other.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -365,10 +368,10 @@ def _has_other_end(descriptor: int) -> bool:
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print to standard error in a new thread, which alone waits if the terminal is stopped, as by Ctrl-S.
+    """Print to standard error in a new thread. Only this thread waits if the terminal is stopped (Ctrl-S).
 
-    The thread bypasses Python's buffer. If a thread waited inside it, the thread would hold the buffer's lock
-    and prevent the end of the program.
+    The thread bypasses Python's buffer. A thread that waits inside this buffer would hold its lock and
+    prevent the end of the program.
     """
 
     def write() -> None:

@@ -58,11 +58,12 @@ _DECODE_FOR = 0.024
 
 _MAY_WAIT_SHARE = 0.25
 """While less than this share of the ring is filled, the watcher may pause and leave records undecoded.
-Without pauses, it would keep a processor busy, and each round trip through the proxy would take longer.
+Without pauses, the watcher would keep a processor busy, and each round trip through the proxy would take
+longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Age in ns of undecoded traffic, without and with a subscriber, above which the watcher does not pause."""
+"""Maximum age in ns of undecoded traffic during a pause: without a subscriber, and with a subscriber."""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
 """The pause after a poll: its length relative to the duration of the poll, and its maximum in seconds."""
@@ -77,10 +78,12 @@ _RECORDS_AT_ONCE = 128
 _RECORDS_PER_YIELD = 32
 """Number of records that the watcher writes to the recording before it yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Number of frames. To yield the processor takes a quarter of the time that decoding a frame takes."""
+"""Number of frames that the watcher decodes before it yields the processor. A yield takes a quarter of the
+time that decoding a frame takes.
+"""
 
 _CATCHES_UP_WITHIN = 10.0
-"""Maximum time in seconds for decoding, but not for recording, the rest after the relay has ended."""
+"""Maximum time in seconds to decode the remaining records at the end. Recording has no time limit."""
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
@@ -128,7 +131,7 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records the relay's traffic. Records stay in the ring until they are decoded, later."""
+    """Records the relay's traffic. Each record stays in the ring until the watcher has decoded the record."""
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
         self.reader = reader
@@ -209,7 +212,7 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record, then decode for at most `_DECODE_FOR`. Return the seconds to wait before the next poll."""
+        """Record traffic, then decode for at most `_DECODE_FOR`. Return the seconds until the next poll."""
         began = time.monotonic()
         if self._recorder_task is not None:
             self._recorder_task.record_available()

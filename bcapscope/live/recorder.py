@@ -13,7 +13,8 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording that fails without an exception: if the disk fails, it warns once and drops packets.
+    """A recording that raises no exception while recording. If the disk fails, the recorder warns once and
+    drops packets.
 
     Attributes:
         packets: Adding a packet to this object never raises an exception; `flush` writes the packets.

@@ -85,7 +85,7 @@ class DelayStatistics:
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
-    """Return datagrams per second sent by the relay. `before` holds the counts `seconds` earlier."""
+    """Return datagrams per second that the relay sent. `before` holds the counts from `seconds` earlier."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)

@@ -63,7 +63,7 @@ class ServerRunner:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
         The simulated controller must keep its cycle of 8 ms. In a test with six busy processes on two
-        processors, three of five runs of `play` failed without this priority.
+        processors, three of five runs of `play` failed without real-time priority.
 
         `on_readable` gets each readable descriptor of `watched`, and may change `watched`.
         """
@@ -92,8 +92,8 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Log lines for stdout, formatted after the reply and written within `_FLUSH_AFTER_NS`. The reason of a
-    refusal is printed to stderr, even if calls are not logged.
+    """Writes log lines to stdout. Each line is formatted after the reply, and written within about
+    `_FLUSH_AFTER_NS`. The reason of a refusal is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000

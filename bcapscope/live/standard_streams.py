@@ -13,7 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr, without colours unless it is a terminal, and not at all if it is closed."""
+    """Write a line to stderr; without colours if stderr is no terminal. Write nothing if stderr is closed."""
     stream = sys.stderr
     if stream is None:
         return
@@ -26,7 +26,7 @@ def print_stderr(text: str) -> None:
 
 
 def choose_palette(color: str) -> Palette:
-    """`color` is `always`, `never` or `auto`, for which NO_COLOR switches colours off (no-color.org)."""
+    """`color` is `always`, `never` or `auto`. With `auto`, NO_COLOR switches colours off (no-color.org)."""
     if color == "auto":
         return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
     return ANSI if color == "always" else PLAIN
@@ -43,13 +43,13 @@ def can_poll_stdin() -> bool:
 
 
 def discard_stdout() -> None:
-    """Discard what stdout did not accept. Otherwise, Python would try to write it again at exit."""
+    """Discard the output that stdout did not accept, because Python would try to write it again at exit."""
     _redirect_to_null(sys.stdout)
 
 
 def discard_unwritable_output() -> None:
     """Flush stdout and stderr, and discard the output of a closed terminal. Otherwise, Python would try to
-    write it again at exit, and would exit with 120.
+    write this output again at exit, and would exit with 120.
     """
     for stream in (sys.stdout, sys.stderr):
         try:

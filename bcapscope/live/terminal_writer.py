@@ -1,4 +1,4 @@
-"""Writes to a terminal from separate threads, which alone wait if it is stopped, for example by Ctrl-S."""
+"""Writes to a terminal from separate threads. Only these threads wait if the terminal is stopped (Ctrl-S)."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
     Lines and messages have separate threads, so that messages appear even if stdout blocks. If stdout is
-    closed or its disk is full, a message reports this. The writer bypasses Python's buffers, because a thread
-    that waits for the terminal would hold the lock of the buffer and delay the end of the program.
+    closed or its disk is full, a message reports this. The writer bypasses Python's buffers. A thread that
+    waits for the terminal would hold the buffer's lock and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:

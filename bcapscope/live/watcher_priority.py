@@ -1,13 +1,13 @@
-"""Controls the priority of the watcher, so that it does not delay the relay and other programs.
+"""Controls the priority of the watcher, so that the watcher does not delay the relay and other programs.
 
 Measured 99.9th percentile of round trips, with a client and a server on the same two processors: 2.6 ms with
 the watcher at nice 10, 0.5 ms at idle priority. When another process wakes up, Linux interrupts a process of
-idle priority at once, but others perhaps only after their time slice of about 3 ms. Sometimes, Linux is too
-late, because it decides only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also yields
-the processor after each 0.1 or 0.2 ms of work.
+idle priority at once. Linux may let a process of normal priority complete its time slice of about 3 ms.
+Sometimes, Linux interrupts the watcher too late, because Linux decides only at a tick every 1 to 10 ms
+(sched(7), EEVDF). The watcher therefore also yields the processor after each 0.1 or 0.2 ms of work.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and `sched_yield`
-costs a whole time slice. If the watcher reads too slowly, the relay raises its priority.
+costs a whole time slice. If the watcher reads too slowly, the relay raises the watcher's priority.
 """
 
 from __future__ import annotations
@@ -110,9 +110,9 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that switches a process to idle priority (True) or to our nice value (False).
+    """Return a function that switches a process to idle priority (True) or to normal priority (False).
 
-    If the user may not move a process out of idle priority, the function does nothing.
+    If the user may not move a process out of idle priority, the returned function does nothing.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0

@@ -1,7 +1,7 @@
 """Limits of an arm for each axis, and the speed and acceleration of set points relative to these limits.
 
 The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
-so bcapscope knows only those of the simulator's arm, and the user gives those of a real arm.
+so bcapscope knows only the limits of the simulator's arm. The user gives the limits of a real arm.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""Speed in deg/s or mm/s that no arm of DENSO Wave exceeds. It replaces an unknown speed limit."""
+"""Speed in deg/s or mm/s that no arm of DENSO Wave exceeds. This speed replaces an unknown speed limit."""
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
@@ -42,11 +42,11 @@ _EXAMPLES = "J1=-170..170, J1.speed=300, J1..J3.acceleration=6000"
 
 @dataclass(frozen=True, slots=True)
 class ArmLimits:
-    """Limits of one arm; an unknown limit is infinite, an unknown `to_joints` or `axis_count` is None.
+    """Limits of one arm. An unknown limit is infinite; an unknown `to_joints` or `axis_count` is None.
 
     Attributes:
         axes: Limits by axis name, in degrees or mm, per second (speed) or second squared (acceleration).
-        to_joints: Computes the joints for a pose of P or T type; raises BcapError if it is out of reach.
+        to_joints: Computes the joints for a pose of P or T type; raises BcapError if this is impossible.
     """
 
     arm_name: Message
@@ -124,8 +124,9 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryMotion:
-    """The motion of some axes in mm or degrees, one row per set point, `period` seconds apart. The row of a
-    set point out of reach is NaN. Angles continue beyond 180° instead of jumping to -180°.
+    """The motion of some axes in mm or degrees. `rows` has one row per set point, every `period` seconds. If
+    the arm cannot reach a set point, all values of its row are NaN. Angles continue beyond 180° instead of
+    jumping to -180°.
     """
 
     axes: tuple[Axis, ...]
@@ -139,12 +140,12 @@ class TrajectoryMotion:
 
     @property
     def accelerations(self) -> Array:
-        """In units per second squared, from three successive set points, as controllers compute it."""
+        """Acceleration in units per second squared, computed from three set points, as controllers do."""
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes with a unit. For P and T, also yield that of the joints, if computable."""
+    """Yield the motion of the axes with a unit; for P and T, also of the joints if `to_joints` is known."""
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(
@@ -166,7 +167,7 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest share of a speed or acceleration limit; infinity if a set point is out of reach."""
+    """Return the largest ratio of speed or acceleration to its limit; infinity if a point is out of reach."""
     worst = 0.0
     for motion in motions_of(kind, points, period, limits):
         known = [limits.limit_for(axis.name, axis.unit) for axis in motion.axes]

@@ -1,8 +1,8 @@
-"""A channel to a controller, and calls over it, without an event loop, which could delay a set point.
+"""A channel to a controller, and calls over this channel, without the delays of an event loop.
 
 One thread drives the requester and waits for data. Code that must send at a deadline uses the separate steps
-of a call: `begin_call`, `send_due` and `wait_for_outcome`. A `Session` uses `perform_call`. All share one
-requester, and therefore one sequence of serials.
+of a call: `begin_call`, `send_due` and `wait_for_outcome`. A `Session` uses `perform_call`. All calls share
+one requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -42,27 +42,28 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which a sleep ends. The operating system ends a sleep late, but by less."""
+"""A sleep ends this many ns before a deadline, because the operating system ends sleeps slightly late."""
 
 _DATAGRAM_SIZE = 4096
 """Bytes to read at once. A UDP datagram from a controller has at most 503 bytes."""
 
 _STREAM_READ_SIZE = 512
 """Bytes to read from a stream at once: a few replies. A delayed controller may send a hundred replies
-together. Reading all of them at once would take longer than the time between two set points.
+together. Reading a hundred replies at once would take longer than the time between two set points.
 """
 
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Largest change in ns of the offset between the system clock and the monotonic clock that is ignored."""
+"""The channel ignores smaller changes (ns) of the offset between system clock and monotonic clock."""
 
 
 class Channel:
-    """A connected socket, so that the operating system drops datagrams from other senders.
+    """The connection to a controller. The operating system drops datagrams from other senders.
 
-    All times are in ns of the monotonic clock. `arrival_time` is the time at which the newest bytes arrived,
-    or were read if the system does not report it. Every method raises OSError if the connection is lost.
+    All times are in ns of the monotonic clock. `arrival_time` is the time at which the newest bytes arrived.
+    If the operating system does not report this time, `arrival_time` is the time of reading. Every method
+    raises OSError if the connection is lost.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -93,7 +94,7 @@ class Channel:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep until about `until`, but only if the operating system records when data arrive."""
+        """Sleep until about `until`. Return at once if the system does not record when data arrive."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
             time.sleep(length / 1e9)  # the caller needs no data before the sleep ends
@@ -110,9 +111,10 @@ class Channel:
             self._socket.sendall(data)
 
     def receive(self, until: int) -> bytes | None:
-        """Return the next bytes, but only a few; None if nothing arrives until the time `until`.
+        """Return the next bytes, with a limited size; None if no bytes arrive before the time `until`.
 
-        Raises ConnectionRefusedError if the controller's port is closed; over UDP, retries may continue.
+        Raises ConnectionRefusedError if the controller's port is closed. Over UDP, the caller may still send
+        retries.
         """
         while True:
             try:
@@ -177,11 +179,11 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Gets each frame: True if it was sent, its bytes, and the monotonic time in ns."""
+"""Called for each frame with: whether the player sent the frame, its bytes, and the monotonic time in ns."""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
-    """Run a coroutine in which everything awaited blocks instead of waiting for an event loop."""
+    """Run a coroutine without an event loop. Each awaited call must block until its result is there."""
     try:
         steps.send(None)
     except StopIteration as end:
@@ -206,7 +208,8 @@ class BlockingCaller:
 
     Attributes:
         late_replies: Late replies that the pacer has not yet evaluated. The pacer clears this list.
-        check_abort: Called regularly while `perform_call` waits. If it raises an exception, the call ends.
+        check_abort: Function that `perform_call` calls regularly while waiting. An exception of this function
+            ends the call.
         overslept: Time in ns by which the operating system prolonged the waits of the current call.
     """
 
@@ -229,7 +232,7 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Raises LocalProtocolError if the call cannot be sent, OSError if the connection is lost."""
+        """Raises LocalProtocolError if the call cannot be sent, and OSError if the connection is lost."""
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
             self.send_due()
@@ -269,7 +272,7 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Send retries until the call ends or the time `until` comes; return None in the latter case."""
+        """Send retries until the call ends or the time `until` comes. Return None if the call goes on."""
         requester = self._requester
         while True:
             settled = self._next_outcome()
@@ -289,7 +292,7 @@ class BlockingCaller:
                 return self._next_outcome()
 
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
-        """Wait, without sending, for a late reply with one of `serials`, unless it has arrived already."""
+        """Wait until the time `until` for a late reply with one of `serials`, without sending."""
         while True:
             self._next_outcome()
             for late in self.late_replies:
@@ -309,7 +312,7 @@ class BlockingCaller:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """If the controller's UDP port is closed, only record this, so that retries continue."""
+        """If the controller's UDP port is closed, record the error and return None; retries continue."""
         link = self.link
         end = max(until, link.now())
         try:

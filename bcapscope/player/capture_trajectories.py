@@ -34,8 +34,9 @@ class _SlaveSessionPoints:
 
 
 def read_capture(source: TrajectorySource, options: ReadOptions) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session in a capture. Raises TrajectoryError if none has the
-    wanted type, and CaptureError if the capture is damaged before the first set point.
+    """Read the set points of each slave-mode session in a capture. Raises TrajectoryError if no session has
+    set points of the wanted pose type. Raises CaptureError if the capture is damaged before the first set
+    point.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     problems: list[CaptureError] = []

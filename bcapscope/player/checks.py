@@ -42,7 +42,7 @@ class PreflightProblem:
     Attributes:
         check: Name of the check, such as `speed`.
         points: Numbers of the first `MAX_NUMBERS` set points with the problem, counted from 1.
-        count: Number of all set points with the problem; 0 if it concerns the trajectory as a whole.
+        count: Number of all set points with the problem; 0 if the problem concerns the trajectory as a whole.
     """
 
     check: str
@@ -55,8 +55,8 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """Input of the pre-flight checks; an unknown input is None. `period` is in seconds, from one call of
-    slvMove to the next. `current_pose` has the pose type of the trajectory.
+    """Input of the pre-flight checks; an unknown input is None. `period` is the time in seconds from one call
+    of slvMove to the next. `current_pose` has the pose type of the trajectory.
     """
 
     trajectory: Trajectory
@@ -79,7 +79,9 @@ class PreflightContext:
 
     @property
     def step(self) -> float | None:
-        """Seconds between two set points according to the file; None if its intervals are unequal."""
+        """Seconds between two set points: from the file or, without times in the file, `period`. None if the
+        file's intervals are unequal.
+        """
         if self.trajectory.period is None and self.trajectory.times is not None:
             return None
         return self.trajectory.period or self.period
@@ -94,7 +96,7 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
 def error_at(
     where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
-    """Yield an error, with the place `points`, if `where` is True for any set point."""
+    """Yield an error if `where` is True for any set point. The message gets their count as `points`."""
     points, count = set_point_numbers(where)
     if count:
         fact = Message(id, **places, points=Count(count, "set-point"))

@@ -19,7 +19,7 @@ _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Runs the cleanup tasks newest first, and reports each change, so that another player can finish."""
+    """Runs the cleanup tasks, newest first. Reports each change, because another player may take over."""
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
         self.is_controller_gone = False
@@ -31,7 +31,7 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push `task`, then run `step`, which `task` undoes. If the controller refuses `step`, remove `task`.
 
-        The stack contains `task` first, because the controller may execute a call whose reply is lost.
+        `task` is on the stack before `step` runs, because the reply of an executed call may be lost.
         """
         self.push(task)
         try:
@@ -45,7 +45,7 @@ class CleanupStack:
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """Run all cleanup tasks. If the controller refuses one, report the refusal and continue."""
+        """Run all cleanup tasks. If the controller refuses a task, report the refusal and continue."""
         while self._tasks and not self.is_controller_gone:
             task = self._tasks[-1]
             await self._clean_up(task)

@@ -32,7 +32,7 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit of an `angle`, a `length` or a `time`. `factor` converts to degrees, mm or seconds."""
+    """A unit of an `angle`, a `length` or a `time`. `factor` converts numbers to degrees, mm or seconds."""
 
     name: str
     kind: str
@@ -57,7 +57,7 @@ TIME, COUNTER, NUMBER = "time", "counter", "number"
 
 
 class ColumnTitle(NamedTuple):
-    """Meaning of a title: `axis` is an axis, `TIME`, `COUNTER` or `NUMBER`; `unit` is None if not named."""
+    """Meaning of a title: `axis` is an axis, `TIME`, `COUNTER` or `NUMBER`; `unit` may be None."""
 
     axis: str
     role: ColumnRole
@@ -185,7 +185,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess what columns without titles mean; raise TrajectoryError if that is unclear."""
+    """Guess what columns without titles mean; raise TrajectoryError if the meaning is unclear."""
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
@@ -331,7 +331,7 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese characters; a joint's number stays with its word."""
+    """Split a title into letters, digits and Japanese characters, but keep joint and number together."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):

@@ -36,12 +36,14 @@ _REST = (
 LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) + tuple(
     f"[{title}]" for title in _REST
 )
-"""Set point, encoder, motor current and load per axis; user data, program line, counter, tool, work."""
+"""Titles for each axis: set point, encoder, motor current and load. Further titles: user data, program
+number, file name, line number, counter, tool, work.
+"""
 
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file; delete it at the end if it is empty. Without a path, yield None."""
+    """Open a new file. At the end, delete the file if it is empty. Without a path, yield None."""
     if path is None:
         yield None
         return
@@ -75,7 +77,7 @@ async def read_log_records(
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
     """Return the controller's log records, oldest first, or raise the exceptions of `Session.call`.
 
-    The separate connection uses TCP, because a record of 39 values exceeds a datagram of 503 bytes.
+    The player opens a separate TCP connection, because a record of 39 values exceeds a datagram of 503 bytes.
     """
     channel = open_channel(target.host, target.port, tcp=True)
     caller = BlockingCaller(channel, target.convention_for(datagrams=False))

@@ -1,7 +1,7 @@
 """Collects the frames of a player, to display the last frames and to record all frames.
 
-The frames stay in memory until the end. A disk access may take longer than the time between two set points,
-and in Python, the thread that sends set points would wait for a thread that writes.
+The frames stay in memory until the end. A disk access may take longer than the time between two set points.
+In Python, the thread that sends set points would wait for a thread that writes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
-"""Enough for more than two hours at a cycle time of 8 ms. Later frames are dropped."""
+"""Maximum number of frames, enough for two hours at a cycle time of 8 ms. Later frames are dropped."""
 
 _FRAMES_PER_WRITE = 1000
 """Number of frames per write. If the disk becomes full, the frames of the last write are lost."""
@@ -25,7 +25,7 @@ _FRAMES_PER_WRITE = 1000
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording; delete it at the end if it is empty. Without a path, yield None."""
+    """Create a recording. At the end, delete the recording if it is empty. Without a path, yield None."""
     if path is None:
         yield None
         return

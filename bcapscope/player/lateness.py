@@ -15,7 +15,7 @@ _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Keeps each progress report short enough for one write to the pipe."""
+"""Maximum number of bins in a progress report, so that one write to the pipe suffices."""
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -49,7 +49,7 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Return estimated percentiles, fast. Each is the upper edge of the bin that holds the percentile."""
+        """Return estimated percentiles, fast: the upper edge of the bin that holds each percentile."""
         if not self._count:
             return Spread()
         wanted = [_rank(share, self._count) for share in _PERCENTILES]
@@ -66,7 +66,7 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles, slowly; estimated percentiles if there were too many values to keep."""
+        """Return exact percentiles, slowly; with more than `capacity` values, estimated percentiles."""
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])

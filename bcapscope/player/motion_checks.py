@@ -39,7 +39,8 @@ class AxisFigures(NamedTuple):
     """How far and how fast an axis moves, in its unit and in seconds. An unknown limit is infinite.
 
     Attributes:
-        acceleration: Largest acceleration, if the robot is at rest before the first and after the last point.
+        acceleration: Largest acceleration, with a standstill before the first point and, without a loop,
+            after the last.
         fastest: Number of the set point where the fastest step ends, counted from 1.
     """
 
@@ -120,7 +121,7 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
-    """Return the way from the robot to the first point for each axis; rotations take the shorter way."""
+    """Return the way from the robot to the first point for each axis. A rotation takes the shorter way."""
     if context.current_pose is None:
         return None
     both = paired_rows(context.trajectory.kind, context.current_pose, context.trajectory.points[0])
@@ -153,7 +154,7 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Add a standstill before the first and after the last point; in a loop, the next round follows."""
+    """Add a standstill at the start. At the end, add a standstill or, in a loop, the next two points."""
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))
@@ -235,7 +236,7 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Map rows of `where` to the `count` set points. In a loop, further rows describe the next round."""
+    """Return which of the `count` set points `where` marks. After `count` rows, set point 1 follows again."""
     at = where[:count].copy()
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest

@@ -4,17 +4,17 @@ The slave mode decides whether the player or the controller sets the pace (DENSO
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
 * **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply is still
-  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. It never
-  retries a set point, because the controller follows only the newest one. A reply does not wake the player:
-  the pacer reads replies only shortly before the next deadline, and the operating system records when each
-  arrived (`BlockingCaller.sleep_until_due`). If a late reply refuses a set point, the pacer raises
-  ControllerError. If the newest answered set point is older than `SILENCE_TIMEOUT`, the pacer sends nothing
-  until a reply arrives.
+  missing shortly before the next deadline, the pacer gives the call up and sends the next set point. The
+  pacer never retries a set point, because the controller follows only the newest set point. A reply does not
+  wake the player: the pacer reads replies only shortly before the next deadline. The operating system records
+  when each reply arrived (`BlockingCaller.sleep_until_due`). If a late reply refuses a set point, the pacer
+  raises ControllerError. If the newest answered set point is older than `SILENCE_TIMEOUT`, the pacer sends
+  nothing until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
   point is due 0.3 ms (`_PREPARATION`) after the reply. If no reply arrives, the requester retries after each
   `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last attempt, the pacer only
-  waits, and accepts a reply to any attempt, because a controller with a full buffer needs no set point yet.
-  After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+  waits, and accepts a reply to any attempt. A controller with a full buffer needs no set point yet. After
+  `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
 * **Mode 0**: player and controller set the pace together. S_BUF_FULL makes the pacer pause for one period.
   S_OK means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer
   had no room, so the pacer sends the same set point again.
@@ -58,10 +58,10 @@ OVERFLOW_DELAY = 1_000_000
 """Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""How often one set point is sent at most: enough to wait eight periods for room in the buffer."""
+"""Maximum number of sendings of one set point: enough to wait eight periods for room in the buffer."""
 
 MIN_PERIOD_SHARE = 0.98
-"""Minimum average time between set points, as a share of the period; 2 % exceeds clock errors."""
+"""Minimum average time between set points, as a share of the period; clocks differ by less than 2 %."""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
@@ -73,7 +73,7 @@ because other programs have filled the processor's caches.
 _MOTION_ERRORS = 0x8420
 """Upper 16 bits of codes that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Gaps that are kept to explain a refused set point. No controller's buffer holds more set points."""
+"""Number of gaps kept to explain a refused set point. No controller's buffer holds more set points."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -105,7 +105,9 @@ class _SetPointGap(NamedTuple):
 
 
 IdleCallback: TypeAlias = Callable[[int], None]
-"""Called with the time in ns after each set point and during waits. Must be quick; may raise HaltedError."""
+"""Function that the pacer calls after each set point and during waits, with the time in ns. The function must
+be quick, and may raise HaltedError.
+"""
 
 
 class Pacer:
@@ -242,8 +244,9 @@ class Pacer:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count the outcome of a call. Return its result code, or None if no reply arrived in time. Raises
-        CallTimeout if the controller no longer answers, and ControllerError if a late reply is a refusal.
+        """Count the outcome of a call. Return the result code of the call, or None if no reply arrived in
+        time. Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply is a
+        refusal.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -327,11 +330,12 @@ class Pacer:
 
 
 class _Throttle:
-    """Limits the rate of set points if the controller sets the pace: a burst, then on average one per period.
+    """Limits the rate of set points if the controller sets the pace: first a burst, then about one set point
+    per period.
 
-    The burst is two more set points than the buffer has slots. A controller that confuses two slave modes may
-    answer at once, although the reply should wait for room in the buffer. Without the throttle, the pacer
-    would then send the whole trajectory in an instant.
+    The burst has two more set points than the buffer has slots. A controller that confuses two slave modes
+    may answer at once, although the reply should wait for room in the buffer. Without the throttle, the pacer
+    would send the whole trajectory to this controller in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

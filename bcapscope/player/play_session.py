@@ -2,9 +2,9 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first comes to rest on its path. After a failure, it
-cannot: a controller with an error has left slave mode, and a silent controller accepts no set points. An
-order from the user ends any wait at once, unless the cleanup has begun.
+the remaining steps. After an order to stop, the robot first comes to rest on its path. After a failure, the
+robot cannot come to rest on its path. A controller with an error has left slave mode, and a silent controller
+accepts no set points. An order from the user ends any wait at once, unless the cleanup has begun.
 """
 
 from __future__ import annotations
@@ -293,7 +293,9 @@ class PlaySession:
             self._cleanup.remove(CleanupTask.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Send the set points. An order to stop brings the robot to rest; an order to halt halts it."""
+        """Send the set points. An order to stop brings the robot to rest; an order to halt halts the robot at
+        once.
+        """
         plan, robot = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * PERIOD_NS // plan.period))
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
@@ -337,7 +339,9 @@ class PlaySession:
         self._channel.wait_until(self._channel.now() + length)
 
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
-        """Report the controller's errors, offer to clear them, and return if the user wants to play again."""
+        """Report the controller's errors and offer to clear them. Return if the user wants to play again,
+        else raise `error`.
+        """
         latest = error
         while True:
             self._pipe.send(PlayerProblem(latest.message, await self._robot.read_errors()))

@@ -39,7 +39,7 @@ class SlaveModePacing(StrEnum):
     SYNC = "sync"
     """The controller sets the pace: Sync on RC7, mode 2 on later controllers."""
     ASYNC = "async"
-    """The player sets the pace, and the robot follows the newest set point: Async on RC7, mode 1 later."""
+    """The player sets the pace: Async on RC7, mode 1 on later controllers."""
 
 
 class CleanupTask(StrEnum):
@@ -55,11 +55,11 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What the player must still clean up, sent after each change.
+    """What the player must still clean up. The player sends this message after each change.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
-        port: Local port of the player. A cleanup after a crash uses it again, because the controller
+        port: Local port of the player. A cleanup after a crash uses the same port, because the controller
             recognises a UDP client by its port.
     """
 
@@ -258,7 +258,8 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player. The distributions are in ns, and exact instead of estimated.
+    """The last message of a player. The distributions are in ns. They are exact, unless the play had too many
+    set points.
 
     Attributes:
         reason: Why the player ended; None if the player sent the whole trajectory.

@@ -39,7 +39,8 @@ PARENT_GONE = Message("play.parent-gone")
 class PlayerPipe:
     """Receives orders and sends messages through two pipes.
 
-    `order` is the most serious order so far: HALT is more serious than STOP. `reason` says why it was given.
+    `order` is the most serious order so far: HALT is more serious than STOP. `reason` says why this order was
+    given.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
@@ -70,8 +71,9 @@ class PlayerPipe:
         return decode_plan(b"".join(parts))
 
     def install_signal_handlers(self) -> None:
-        """Treat signals as orders: SIGINT, SIGTERM and SIGHUP mean stop, after an earlier order halt; SIGUSR1
-        means halt. If the parent blocked SIGUSR1 in the player, one that was sent earlier takes effect now.
+        """Treat signals as orders: SIGINT, SIGTERM and SIGHUP mean stop; after an earlier order, they mean
+        halt. SIGUSR1 always means halt. If the parent blocked SIGUSR1 in the player, a SIGUSR1 that has
+        already arrived takes effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)

@@ -1,6 +1,6 @@
 """Start a player: a separate process, so that no Python code of the parent can delay a set point.
 
-If the parent ends, the player stops the robot and cleans up. If the player is killed, another one cleans up.
+If the parent ends, the player stops the robot and cleans up. A new player cleans up after a killed one.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Seconds of silence after the order to stop, after which the parent kills the player. A working player sends
-messages more often, even if the controller is silent.
+"""After the order to stop, the parent kills a player that sends no message for this many seconds. A working
+player sends messages more often, even if the controller is silent.
 """
 
 _SERIAL_MARGIN = 5000
@@ -51,10 +51,10 @@ _SERIAL_MAX = 0xFFFF
 
 
 class PlayerProcess:
-    """A running player. `ended` is its last message, always a `PlayEnded`; None while the player works.
+    """A running player. `ended` is the player's last message, a `PlayEnded`; None while the player works.
 
-    Call `read_messages` when `fileno` is readable, or `wait_for_messages`, from any thread. If the parent
-    reads too slowly, the player drops only progress reports.
+    Call `read_messages` when `fileno` is readable, or call `wait_for_messages`. Any thread may call both
+    methods. If the parent reads too slowly, the player drops only progress reports.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -174,7 +174,7 @@ class PlayerProcess:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Start a process that cleans up; return a `PlayEnded` if nothing is to clean up or this fails."""
+        """Start a cleanup process. Return a `PlayEnded` if no cleanup is needed, or if the cleanup fails."""
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()

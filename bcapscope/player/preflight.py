@@ -44,7 +44,7 @@ class PreflightResult:
 
     Attributes:
         problems: Problems found, most serious first.
-        axis_figures: According to the file's times; () if they are uneven or a number is not finite.
+        axis_figures: Figures of each axis; () if the file's times are uneven or a number is not finite.
         first_point_offsets: Distance from the robot to the first point for each axis; None if unknown.
     """
 
@@ -65,7 +65,7 @@ class PreflightResult:
 
     @property
     def seconds(self) -> float:
-        """Duration according to the file's times or, if it has none, to `period`."""
+        """Duration in seconds from the file's times, or from `period` if the file has no times."""
         trajectory = self.trajectory
         if trajectory.period is None and trajectory.times is not None:
             return float(trajectory.times[-1])

@@ -1,7 +1,8 @@
 """Prevent delays of the player: real-time priority, locked memory, no garbage collection.
 
-SCHED_FIFO runs before all programs without real-time priority (sched(7)). Locked memory is never swapped to
-disk (mlockall(2)). Short time slices bring the processor sooner, but for no more time (sched-eevdf, 6.12).
+A process with SCHED_FIFO runs before all programs without real-time priority (sched(7)). Locked memory is
+never swapped to disk (mlockall(2)). A process with a short time slice gets the processor sooner, but gets no
+more processor time (Linux 6.12, sched-eevdf).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Above ordinary programs, but below 50, the priority of the interrupts that deliver replies."""
+"""Priority above all ordinary programs. The interrupts that deliver replies have priority 50."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
@@ -33,14 +34,14 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call by processor. Older C libraries have no function sched_setattr."""
+"""Number of the system call sched_setattr for each processor type. Older C libraries lack this function."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
-"""struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period."""
+"""Fields of the C struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system granted. `text` describes it to the user, with advice if a request was refused."""
+    """What the system granted. `text` describes this to the user, with advice if a request was refused."""
 
     realtime: bool
     locked: bool
@@ -52,8 +53,8 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
     """Run a `with` block with the highest priority that the system grants.
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
-    `is_wanted`. In the block, the garbage collector ignores older objects, because examining them costs
-    milliseconds; without `collect_garbage`, it is off.
+    `is_wanted`. In the block, the garbage collector ignores older objects, because examining these objects
+    costs milliseconds. Without `collect_garbage`, the garbage collector is off.
     """
     gc.collect()
     gc.freeze()
@@ -105,7 +106,7 @@ def _set_fifo_priority() -> Message | None:
 
 
 def _set_time_slice(length: int) -> None:
-    """`length` is in ns; 0 means the default. Does nothing on other systems than Linux."""
+    """`length` is in ns; 0 means the default. The function does nothing on systems other than Linux."""
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
         nice = os.getpriority(os.PRIO_PROCESS, 0)

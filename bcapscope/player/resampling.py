@@ -1,8 +1,9 @@
 """Change the timing of a robot's motion along a path, or bring the robot to rest at any point.
 
-The path is a `SmoothCurve` through the set points; only the speed along it changes. The speed grows from 0 as
-the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve. The first and second derivatives of
-this polynomial are 0 at u = 0 and u = 1. Position, speed and acceleration are therefore continuous.
+The path is a `SmoothCurve` through the set points; only the speed along the path changes. The speed grows
+from 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, and falls to 0 along the mirrored curve. The first and second
+derivatives of this polynomial are 0 at u = 0 and u = 1. Position, speed and acceleration are therefore
+continuous.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ def resample(
 ) -> Trajectory:
     """Return the trajectory with other times, and the same first and last point.
 
-    If it has times but no period, the times must increase. If it has neither, `period` becomes its period.
+    If `trajectory` has times but no period, the times must increase. If `trajectory` has neither times nor a
+    period, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.
@@ -83,10 +85,11 @@ def stop_after(
 ) -> Array:
     """Return the set points, one per row, that bring the robot from set point `row` to rest on the path.
 
-    The braking time is between 0.1 s (0.5 s if an acceleration limit is unknown) and 2 s, and grows until the
-    set points keep within `limits`. If the trajectory near `row` exceeds a limit, they may exceed it by the
-    same factor. If the remaining path is too short to come to rest, return its points. `period` is in
-    seconds. With `loop`, the first point follows the last point.
+    The braking time is between 0.1 s (0.5 s if an acceleration limit is unknown) and 2 s. The function
+    increases the braking time until the set points keep within `limits`. If the trajectory near `row` exceeds
+    a limit, the returned set points may exceed limits by the same factor. If the remaining path is too short
+    to come to rest, return the remaining points. `period` is in seconds. With `loop`, the first point follows
+    the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -140,7 +143,7 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 def _ramp_integral(part: Array) -> Array:
     """Return the way since the ramp began; `part` (0 to 1) is the elapsed share of the ramp. The unit is the
-    way at full speed during the ramp, so a whole ramp covers 0.5.
+    way that full speed covers in the time of the ramp, so a whole ramp covers 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -97,7 +97,7 @@ class RobotAdapter:
         return tuple(row[: len(AXES[kind])])
 
     async def read_slave_mode(self) -> int:
-        """Return the current slave mode; 0 if it is off or the controller refuses the call."""
+        """Return the current slave mode; 0 if slave mode is off or the controller refuses the call."""
         try:
             return await self.robot.slv_get_mode()
         except (ControllerError, RemoteProtocolError):
@@ -116,7 +116,7 @@ class RobotAdapter:
             await self.robot.slv_change_mode(0)
 
     async def is_robslave_ready(self) -> bool:
-        """Return whether RobSlave runs; True after RC7, where slave mode does not need it."""
+        """Return whether RobSlave runs; True after RC7, because slave mode then needs no RobSlave."""
         if self.generation is not Generation.RC7:
             return True
         await self._opener.open_remote(Task)
@@ -147,8 +147,9 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor on or off, with at least `retries` retries. The machine lock, which DENSO's slides
-        recommend for experiments, may refuse this; that is no error, because it prevents motion anyway.
+        """Switch the motor on or off, with at least `retries` retries. DENSO's slides recommend the machine
+        lock for experiments. A refusal by the machine lock is no error, because the lock prevents motion
+        anyway.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -166,11 +167,11 @@ class RobotAdapter:
             session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
-        """Move to a pose by an ordinary motion. It ends with the pass motion @E, as slave mode requires.
+        """Move to a pose by an ordinary motion with the final pass motion @E, as slave mode requires.
 
         The option NEXT makes the controller answer at once, so that the player can halt the robot on its way.
         If the robot stops before the goal, raise the controller's error or, if there is none,
-        RemoteProtocolError. If it reaches the goal with a different Fig, wait one second and return.
+        RemoteProtocolError. If the robot reaches the goal with a different Fig, wait one second and return.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -204,8 +205,8 @@ class RobotAdapter:
             raise RemoteProtocolError(Message("play.no-motion", distance=distance), b"")
 
     async def set_formats(self, kind: PoseType) -> None:
-        """Make slvMove carry a pose in its request and in its reply, whatever an earlier client set. RC7 and
-        early versions of RC8 have no formats to set.
+        """Make slvMove carry a pose in its request and in its reply, even if an earlier client set other
+        formats. RC7 and early versions of RC8 have no formats to set.
         """
         if self.generation is Generation.RC7:
             return
@@ -226,7 +227,7 @@ class RobotAdapter:
         await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
-        """Read the robot's pose from a variable or, if it is missing or EMPTY, with a command."""
+        """Read the robot's pose from a variable, or with a command if the variable is missing or EMPTY."""
         variable, command = _POSES[kind]
         if kind not in self._read_by_command:
             found = await self._read_optional(ObjectClass.ROBOT, variable)
@@ -248,7 +249,7 @@ class RobotAdapter:
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
     """Return the difference, in degrees or mm, of the axis that differs most; ignore Fig.
 
-    Direction cosines count as angles. RC7 may report only six joints; axes that one pose lacks are ignored.
+    Direction cosines count as angles. RC7 may report only six joints; ignore axes that one pose lacks.
     """
     before, after = paired_rows(kind, here, there)
     ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)

@@ -2,8 +2,8 @@
 
 The player sends the first point a few times, so that the controller's buffer is full when the motion starts.
 An unfilled buffer runs empty at the first points (issues 20 and 49 of DENSORobot/denso_robot_ros);
-nkawa/Denso_CobottaPro900_MQTT_Control also sends it four times. The player repeats the last point, so that
-the robot has come to rest when slave mode ends.
+nkawa/Denso_CobottaPro900_MQTT_Control also sends the first point four times. The player repeats the last
+point, so that the robot has come to rest when slave mode ends.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Set points returned so far, in all rounds and for a stop, without the repeated first and last.
+        index: Number of set points returned so far, including a stop, without the repeated first and last.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
@@ -50,7 +50,7 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Replace the remaining set points with points that bring the robot to rest, once."""
+        """Bring the robot to rest instead of sending the remaining set points. Later calls have no effect."""
         if not self.is_stopping:
             self.is_stopping = True
             self._remaining = self._stopping_points()

@@ -41,7 +41,7 @@ class SmoothCurve:
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
 
     def sample(self, parameters: Array) -> Array:
-        """Return one pose per parameter. Outside the curve, return its first or last pose."""
+        """Return one pose per parameter; outside the curve, return the curve's first or last pose."""
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]
@@ -96,7 +96,7 @@ def paired_rows(kind: PoseType, here: Sequence[float], there: Sequence[float] | 
 
 
 def direction_turns(kind: PoseType, rows: Array) -> Array:
-    """Return the largest angle in degrees by which a direction vector turns to the next row; else 0."""
+    """For each step between rows, return the largest turn of a direction vector in degrees, or 0."""
     turned = np.zeros(len(rows) - 1)
     for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():
         way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)
@@ -107,7 +107,8 @@ def direction_turns(kind: PoseType, rows: Array) -> Array:
 def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
     """Return whether two poses have the same Fig; True if either pose lacks Fig.
 
-    A negative Fig lets the controller choose (-2 and -3 in nkawa/Denso_CobottaPro900_MQTT_Control).
+    With a negative Fig, the controller chooses the posture (-2 and -3 in
+    nkawa/Denso_CobottaPro900_MQTT_Control).
     """
     column = FIG_COLUMN.get(kind)
     if column is None or min(len(here), len(there)) <= column:

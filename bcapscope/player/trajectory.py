@@ -111,9 +111,9 @@ class Trajectory:
         return tuple(self.points[row].tolist())
 
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
-        """Add the axes that the file lacks, with the values of the robot's pose, so that they do not move.
+        """Add the axes that the file lacks, with the robot's current values, so that these axes do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. Values that are unknown are 0.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Unknown values are 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)
@@ -194,8 +194,9 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log where its counter has a gap. Return each part (first record, record after the last), and
-    the median increase per record. If the counter grows too unevenly, return one part and None.
+    """Split a log where its counter has a gap. Return each part as its first record and the record after its
+    last, and the counter's median increase per record. If the counter grows too unevenly, return one part and
+    None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

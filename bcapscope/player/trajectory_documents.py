@@ -1,7 +1,7 @@
 """Trajectories from JSON and YAML: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
 
 A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points` with `positions` in radians
-and `time_from_start`. It may be a part of another message, such as MoveIt's RobotTrajectory.
+and `time_from_start`. A JointTrajectory may be a part of another message, such as MoveIt's RobotTrajectory.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ from bcapscope.protocol.slave_mode.poses import AXES
 EXTRACT_FORMAT = "bcapscope trajectory 1"
 
 MAX_VALUES = 1_500_000
-"""Enough for 28 minutes with six joints and a time every 8 ms. The values take up to 110 MB of memory."""
+"""Maximum number of values, enough for 28 minutes with six joints and a time every 8 ms. The values take up
+to 110 MB of memory.
+"""
 
 TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
@@ -49,8 +51,8 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none. ROS
-    messages use only the pose type of the `options`, which must be J or None.
+    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none. For
+    ROS messages, only the pose type in `options` is used, and must be J or None.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -108,7 +110,7 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield each object that looks like a JointTrajectory. Search nodes that aliases repeat only once."""
+    """Yield each object that looks like a JointTrajectory. Search a repeated node (alias) only once."""
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -161,7 +163,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the indices of J1, J2 and so on, by the numbers in `names` or, without these, as listed."""
+    """Return the indices of J1, J2 and so on: in the order of the numbers in `names`, else as listed."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)

@@ -1,8 +1,8 @@
 """Read trajectories from files. Files are not trusted: their size is limited, and wrong content of any kind
 raises `TrajectoryError`.
 
-No public source describes the format in which a WINCAPS III project stores logs, so bcapscope reads only logs
-that were exported into the project.
+No public source describes how a WINCAPS III project stores its logs. bcapscope therefore reads only logs that
+were exported into the project.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MAX_TABLE_SIZE = 1 << 30
 """Size in bytes of the largest table that bcapscope reads: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Size in bytes of the largest JSON or YAML file. Reading takes up to 24 times as much memory."""
+"""Size in bytes of the largest JSON or YAML file. Reading a file takes up to 24 times its size in memory."""
 
 LONGEST_LINE = 1 << 16
 
@@ -77,8 +77,8 @@ def read_trajectories(
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
     `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. Returns one trajectory per
-    slave-mode session of a capture, per message of a ROS file, per control log of a project, and per part
-    between missing records of a table.
+    slave-mode session of a capture, or per message of a ROS file. Returns one trajectory per control log of a
+    project, or per part of a table without missing records.
     """
     options = options or ReadOptions()
     try:
@@ -181,7 +181,7 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 
 
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
-    """Read every control log in a project. Skip tables without titles, because their meaning is unknown, and
+    """Read every control log in a project. Skip tables without titles, because their meaning is unknown. Skip
     captures, because WINCAPS III exports no logs as captures.
     """
     folder = path if path.is_dir() else path.parent

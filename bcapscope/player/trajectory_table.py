@@ -58,7 +58,8 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if it has no set points.
+    """Read a table; `source.file_format` holds the encoding. Raise TrajectoryError if the table has no set
+    points.
 
     If records are missing, return one trajectory for each run of records without gaps.
     """
@@ -117,7 +118,7 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout of the columns, the number of header lines, and the titles; () if there are none."""
+    """Return the layout of the columns, the number of header lines, and the titles; () without titles."""
     if _is_numeric(first[0]):
         bare = [
             [float_or_nan(cell.replace(",", ".")) for cell in line.cells if cell.strip()] for line in first
@@ -214,7 +215,7 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Guess the interval from the growth of the log's counter. No public source says what it counts."""
+    """Guess the interval from the growth of the log's counter. No public source describes the counter."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

@@ -114,7 +114,8 @@ class Conversation:
         capture_side: Place at which the conversation was captured; None unless two captures hold the same
             conversation.
         joined_as: Conversation to which a joiner assigns the frames of this conversation; None if this
-            conversation keeps its frames. `record_end` records the end in both conversations.
+            conversation keeps its frames. `record_end` records the end of the connection in both
+            conversations.
     """
 
     client: Endpoint

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 DISARM_AFTER = 180_000_000_000
-"""Time in ns from the last call that needed arming until nobody is assumed to watch the robot any more."""
+"""Time in ns from the last call that needed arming until arming ends automatically."""
 
 
 class ArmingState:
-    """Whether the user has confirmed that bcapscope may move the robot. Arming ends after a timeout, too.
+    """Whether the user has confirmed that bcapscope may move the robot. Arming ends after `DISARM_AFTER`.
 
     `is_required` is False if the controller is the built-in simulator.
     """
@@ -23,7 +23,7 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """Extend arming unless it has expired. A user who makes calls that need arming watches the robot."""
+        """Extend arming, because the user makes calls. Arming that has expired is not extended."""
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER
 

@@ -1,7 +1,7 @@
 """The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-The session has its own event loop, so that drawing the screen delays no call and does not count in measured
-round trips. The screen starts the coroutines of this module with `run_in_loop`.
+The session has its own event loop. Drawing the screen therefore delays no call, and does not lengthen
+measured round trips. The screen starts the coroutines of this module with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ CLOSE_TIMEOUT = 8.0
 """Maximum time in seconds that `close` waits until the session has released all objects."""
 
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
-"""Short timeout (ns) and few retries, so that `close` is fast if the controller does not respond."""
+"""Cleanup calls have a short timeout (ns) and few retries, so that `close` is fast without replies."""
 
 
 class NotConnectedError(BcapError):
@@ -65,8 +65,9 @@ class ControllerSession:
     """The Tester's connection to a controller. All calls of the Tester use this class.
 
     Attributes:
-        status: State that the screen shows. Any thread may read it, because changes replace the whole object.
-        polling_paused: Whether automatic reads stop, because they might end another client's slave mode.
+        status: State that the screen shows. Any thread may read `status`, because each change replaces the
+            whole object.
+        polling_paused: Whether automatic reads are paused. A read might end another client's slave mode.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop. If the waiting task is cancelled, so is the coroutine."""
+        """Run a coroutine in this session's loop. If the waiting task is cancelled, the coroutine is too."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
     def pause_polling(self, paused: bool) -> None:
@@ -102,7 +103,9 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Release all objects within `CLOSE_TIMEOUT` and end the thread. Call this from another thread."""
+        """Release all objects, but wait at most `CLOSE_TIMEOUT`. Then end the session's thread. Call this
+        from another thread.
+        """
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
@@ -202,7 +205,8 @@ class ControllerSession:
         """Send bytes unchanged, wait for the reply, and return a record of both.
 
         Raises:
-            NotArmedError: The user has not armed. Bytes that are not an intact frame always need arming.
+            NotArmedError: The bytes need arming, and the user has not armed. Bytes that are not an
+                intact frame always need arming.
             NotConnectedError, ConnectionError: See `call`.
         """
         session = self.opener.session
@@ -258,8 +262,8 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run a coroutine until it ends or a call fails, and return the latest record. Raises NotArmedError,
-        LocalProtocolError and ConnectionError as `call` does.
+        """Run a coroutine until it ends or a call fails. Return the record of the latest call. Raises
+        NotArmedError, LocalProtocolError and ConnectionError as `call` does.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)

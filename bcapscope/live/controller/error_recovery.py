@@ -60,7 +60,7 @@ class LastSlaveSession:
 async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, str], ...]:
     """Read the controller's current errors, newest first, each with its code and the controller's text.
 
-    First leave slave mode, because calls that read errors may end it abruptly (public issues of
+    First leave slave mode, because a call that reads errors may end slave mode abruptly (public issues of
     DENSORobot/denso_robot_ros). Raises the exceptions of `ControllerSession.call`.
     """
     if session.status.slave_mode and session.status.robot is not None:

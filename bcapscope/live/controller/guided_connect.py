@@ -39,10 +39,10 @@ class ConnectStepError(BcapError):
 async def connect(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str], robot: str, option: str
 ) -> bool:
-    """Run the steps of connecting, until one fails. Return whether all succeeded.
+    """Run the steps of connecting until a step fails. Return whether all steps succeeded.
 
-    `providers` are tried in this order. Without the name of a robot, none is opened. If `Controller_Connect`
-    or an earlier step fails, the link is closed.
+    Try the `providers` in the given order. If `robot` is "", open no robot. If `Controller_Connect` or an
+    earlier step fails, the link is closed.
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
@@ -79,7 +79,7 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT. Return the record of opening it."""
+    """Open and select a robot, read its type, and prepare HALT. Return the record of the opening call."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -100,7 +100,7 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
 
 @contextmanager
 def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[list[Message | str]]:
-    """Report the start and the end of a step, with the result that the caller adds to the yielded list."""
+    """Report the start and the end of a step. The caller adds the step's result to the yielded list."""
     session.report(ConnectStepUpdate(step, None))
     result: list[Message | str] = []
     try:
@@ -119,7 +119,9 @@ def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[li
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of opening it, and its name and type; None on failure."""
+    """Open and select a robot. Return the record of the call that opens the robot, and the robot's name and
+    type. On failure, return None instead of name and type.
+    """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
     if robot is None:

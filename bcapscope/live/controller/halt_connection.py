@@ -1,9 +1,9 @@
-"""The HALT connection: a second connection to the controller that only halts a robot. It has its own thread,
-event loop and session, and is open before HALT is needed.
+"""The HALT connection: a second connection to the controller that only halts a robot. The HALT connection has
+its own thread, event loop and session, and is open before HALT is needed.
 
-A b-CAP call blocks its connection until it ends: meanwhile, DENSO's C server refuses other calls as busy
-(orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses a separate connection on which the robot is
-already open, and does not depend on the event loops of the screen or of other calls.
+A b-CAP call blocks its connection until the call ends. Meanwhile, DENSO's C server refuses other calls as
+busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses a separate connection on which the robot
+is already open. HALT does not depend on the event loops of the screen or of other calls.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""Seconds after the user pressed HALT in which the thread tries to reopen a lost connection."""
+"""For this many seconds after the user pressed HALT, the thread tries to reopen a lost connection."""
 
 _REOPEN_DELAY = 0.05
 
@@ -76,8 +76,9 @@ class HaltConnection:
         robot: str = DEFAULT_ROBOT,
         heartbeat: float = HEARTBEAT,
     ) -> None:
-        """Start to open the connection, and return at once. Its thread calls `report` and `observer`. The
-        name for Controller_Connect gets the suffix "-halt", because these names must be unique.
+        """Start to open the connection, and return at once. The thread of the connection calls `report` and
+        `observer`. The name for Controller_Connect gets the suffix "-halt", because each connection needs its
+        own name.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report
@@ -104,11 +105,11 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """In another client's slave mode, send only HALT, because any other call may end slave mode."""
+        """While `paused`, send only HALT, because any other call may end another client's slave mode."""
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only whether HALT succeeded or failed. A new connection reports the rest."""
+        """From now on, report only success or failure of HALT. A new connection reports the other states."""
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda update: report(update) if update.state in halt_results else None
@@ -143,8 +144,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Delay the next attempt to open the connection; only shortly if HALT is pending. A pending HALT
-        fails after `RETRY_WITHIN`, because a later HALT could interrupt another motion.
+        """Wait before the next attempt to open the connection. The wait is short if HALT is pending. After
+        `RETRY_WITHIN`, a pending HALT fails, because a later HALT could interrupt another motion.
         """
         if self._pressed.is_set() and self._loop.time() < self._retry_until:
             await asyncio.sleep(_REOPEN_DELAY)
@@ -196,7 +197,7 @@ class HaltConnection:
         self._report(HaltUpdate(HaltState.READY, round_trip=took))
 
     async def _halt_robot(self, session: Session, handle: int) -> None:
-        """If the controller refuses HALT once, reopen the connection, which it may have forgotten."""
+        """After a refusal, repeat HALT once on a new connection: the controller may have lost this one."""
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()
         try:

@@ -17,7 +17,7 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""Result of a step, or why it failed. The screen shows the parts with commas between them."""
+"""Result of a step, or the reason for its failure. The screen puts commas between the parts."""
 
 
 class RecordOutcome(StrEnum):
@@ -45,7 +45,7 @@ class HistoryRecord:
         took: Time in ns from the first attempt to the reply or to the end of the call.
         packets: Packets sent and received for the call, in order; at most `history_recorder.MAX_PACKETS`.
         notices: Number of S_EXECUTING notices.
-        subject: Object whose handle the call used, such as a variable; None if it was not open.
+        subject: Object whose handle the call used, such as a variable; None if no such object was open.
     """
 
     number: int

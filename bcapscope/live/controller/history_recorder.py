@@ -1,4 +1,4 @@
-"""Builds the records of calls, of the user or automatic, from the packets and events of a session."""
+"""Builds the records of calls from the packets and events of a session."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class HistoryRecorder:
             self._complete_call(self._call, RecordOutcome.ABANDONED, ())
 
     def complete_raw_call(self) -> None:
-        """Complete the record of raw bytes. The last frame from the controller is the reply."""
+        """Complete the record of the user's raw bytes. The last frame from the controller is the reply."""
         call = self._call
         if call is None:
             return
@@ -99,7 +99,7 @@ class HistoryRecorder:
         reply: Frame | None = None,
         took: int | None = None,
     ) -> None:
-        """Record a call. `took` is in ns; None if the call ends now."""
+        """Record a call. `took` is the duration in ns; None if the call ends now."""
         request = call.packets[0].item
         code, arguments = (request.code, request.variants) if isinstance(request, Frame) else (-1, ())
         self._call = None

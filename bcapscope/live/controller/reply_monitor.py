@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 REPLY_OVERDUE_AFTER = 1_500_000_000
-"""Time in ns that only calls that move the robot exceed."""
+"""Time in ns after which a reply is overdue. Only calls that move the robot take longer."""
 
 
 class ReplyMonitor:

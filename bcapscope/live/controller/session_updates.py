@@ -37,7 +37,7 @@ class ConnectStepUpdate:
 
 @dataclass(frozen=True, slots=True)
 class ControllerIdentity:
-    """Facts that the controller reports; empty if unknown. `type_name` and `type_number` are the robot's."""
+    """Facts from the controller; an unknown text is "". `type_name` and `type_number` describe the robot."""
 
     is_simulator: bool = False
     version: str = ""
@@ -52,7 +52,7 @@ class SessionStatus:
     Attributes:
         open_objects: Open objects in the order in which they were opened.
         robot: Robot to which the session sends robot commands.
-        slave_mode: Number of the slave mode, derived from this client's own calls; 0 if it is off.
+        slave_mode: Number of the slave mode, derived from this client's own calls; 0 if slave mode is off.
         holds_arm: Whether TakeArm succeeded, without a later GiveArm. An error may have released the arm.
         round_trip: Round trip in ns of the last answered call.
     """
