@@ -150,7 +150,7 @@ def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return the level of each finding: 0 without a cause, else the level of the cause plus 1, at most 4."""
+    """Return the depth of each finding: 0 without a cause, else the depth of the cause plus 1, at most 4."""
     depths: list[int] = []
     for finding in findings:
         cause = finding.consequence_of
