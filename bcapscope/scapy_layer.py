@@ -53,7 +53,7 @@ PORT = 5007
 _HEADER = struct.Struct("<BIHHIH")
 
 _MAX_LAYERS = 64
-"""Frames from one TCP segment that become layers of a packet; the rest becomes one raw layer. scapy builds
+"""Maximum number of layers from one TCP segment; the rest of the segment becomes one raw layer. scapy builds
 and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames."""
 
 _UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)  # as `function_name` writes
@@ -76,14 +76,14 @@ def _result_code(name: str) -> int:
 
 
 class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
-    """A number whose value is a name: the function of a request, or the result code of a reply."""
+    """A number that has a name: the function of a request, or the result code of a reply."""
 
     __slots__ = ("_find", "_name_of")
 
     def __init__(
         self, name: str, default: int, find: Callable[[str], int], name_of: Callable[[int], str]
     ) -> None:
-        """`find` raises InputError for an unknown name."""
+        """`find` returns the number of a name, and raises InputError for an unknown name."""
         self._find = find
         self._name_of = name_of
         super().__init__(name, default, {})
@@ -106,7 +106,7 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
 
 
 class _ReadArguments(list[Variant]):
-    """The arguments of a dissected frame, with the bytes from which an unchanged frame is built.
+    """The arguments of a dissected frame, with their bytes. scapy builds the arguments from these bytes.
 
     `encode_argument` cannot restore the bytes of damaged arguments.
     """
@@ -117,7 +117,7 @@ class _ReadArguments(list[Variant]):
 
 
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
-    """Programs set Python values or `Variant` objects, and read `Variant` objects."""
+    """The field `args`: programs set Python values or `Variant` objects, and read `Variant` objects."""
 
     islist = 1
 
@@ -129,8 +129,8 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         return values
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
-        """Give each argument the type from the function's definition, or one from its value if it does not
-        fit."""
+        """Give each argument the type that the function requires. If a value does not fit, `variant_of`
+        chooses the type."""
         return x if isinstance(x, RawVal) else tuple(_typed(pkt, x, is_strict=False))
 
     def do_copy(self, x: Any) -> Any:
@@ -148,7 +148,7 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         return 1 if isinstance(x, RawVal) else len(x or ())
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return types, values and names; non-ASCII and control characters are escaped."""
+        """Return arguments as text with names and types. Non-ASCII and control characters are escaped."""
         if isinstance(x, RawVal):
             return repr(x)
         variants = self.i2h(pkt, x or ())
@@ -216,11 +216,12 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return complete frames, with the following bytes as padding, or None. Other bytes are raw layers.
+        """Return complete frames as layers, and an incomplete frame after them as padding.
 
-        For scapy's `TCPSession`, return all complete frames. With one frame per packet, `TCPSession` of
-        scapy 2.8 would lose track of a stream in which an unfinished frame follows two frames. For a scapy
-        socket, return only one frame, so that scapy's `sr1` can identify a reply.
+        Bytes that are not a frame become a raw layer. Return None if more bytes are needed. For scapy's
+        `TCPSession`, return all complete frames, but at most `_MAX_LAYERS` of them as layers. With one frame
+        per packet, `TCPSession` of scapy 2.8 would lose track of a stream if an unfinished frame follows two
+        frames. For a scapy socket, return only one frame, so that scapy's `sr1` can identify a reply.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -251,7 +252,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return self._is_from_controller() is True
 
     def _is_from_controller(self) -> bool | None:
-        """Return whether the controller's port sent the frame; None if the ports do not show it."""
+        """Return whether the controller sent the frame, or None if the ports do not show the sender."""
         ports = (getattr(self.underlayer, "sport", None), getattr(self.underlayer, "dport", None))
         return ports[0] == PORT if ports.count(PORT) == 1 else None
 
@@ -314,7 +315,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return b"", s
 
     def setfieldval(self, attr: str, val: Any) -> None:
-        """Setting `function` makes the frame a request; setting `hresult` makes it a reply."""
+        """Setting `function` makes the frame a request. Setting `hresult` makes the frame a reply."""
         super().setfieldval(attr, val)
         if attr in ("function", "function_id"):
             self.fields.pop("hresult", None)
@@ -360,13 +361,13 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
 
 def _function_of(packet: Packet | None) -> Function | None:
-    """Return None for a reply, for an unknown number, and for a list of numbers."""
+    """Return the function of a request, or None if the packet does not have exactly one known function."""
     function_id = packet.function_id if isinstance(packet, BCAP) else None
     return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
 
 
 def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) -> Iterator[Variant]:
-    """Give each value the type that the function requires. If it does not fit, raise only if `is_strict`."""
+    """Give each value the type that the function requires. Raise LocalProtocolError only if `is_strict`."""
     function = _function_of(packet)
     params = () if function is None else function.params[: len(values)]
     for value, param in zip_longest(values, params):
@@ -379,7 +380,7 @@ def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) 
 
 
 def _whole_frame_size(data: bytes) -> int:
-    """Return the size of a frame at the start of a stream; 0 if cut off or above `LARGEST_UNCONFIRMED`."""
+    """Return the size of a complete frame of at most 64 KiB at the start of `data`, or 0 for other data."""
     length = int.from_bytes(data[1:5], "little")
     is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)
     return length if is_whole and data[0] == SOH and data[length - 1] == EOT else 0

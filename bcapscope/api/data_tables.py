@@ -24,7 +24,7 @@ _ROWS_AT_ONCE = 65_536
 
 
 class ColumnType(Enum):
-    """Type of a column, with its name in pandas. Only values of `INTEGER` are never missing."""
+    """Type of a column, with its name in pandas. Only `INTEGER` columns never have missing values."""
 
     INTEGER = "int64"
     OPTIONAL_INTEGER = "Int64"
@@ -115,7 +115,7 @@ class TableRecords(Records[T]):
         return pyarrow.Table.from_batches(batches, schema)
 
     def _parts(self) -> Iterator[list[list[object]]]:
-        """Yield the columns' values of `_ROWS_AT_ONCE` records at a time, at least one set of lists."""
+        """Yield the table in parts of `_ROWS_AT_ONCE` rows. An empty table is one part with empty columns."""
         records, readers = iter(self), [column.read for column in self._columns]
         part = list(islice(records, _ROWS_AT_ONCE))
         while True:
@@ -142,7 +142,7 @@ def _arrow_types(pyarrow: Any) -> dict[ColumnType, Any]:
 
 
 def _numbers(frame: Frame | None) -> list[float] | None:
-    """Return the numbers in the frame's last argument; None if it has none."""
+    """Return the numbers in the last argument of the frame, or None if there are no numbers."""
     variants = () if frame is None else frame.variants
     numbers = (
         [float(each) for each in iter_numbers(variants[-1]) if not isinstance(each, bytes)]
@@ -158,7 +158,7 @@ def _text(text: str | None) -> str | None:
 
 
 def _time(time: int) -> int | None:
-    """Return None if the time of a damaged capture is too large for pandas and Arrow."""
+    """Return `time`, or None if a damaged capture has a time that is too large for pandas and Arrow."""
     return time if abs(time) < 1 << 63 else None
 
 

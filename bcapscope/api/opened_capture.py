@@ -212,7 +212,7 @@ def open(
 
 
 class _Problems:
-    """Keeps the errors that occur during reading until all readable data have been read."""
+    """Passes reading errors to `on_error`. Without `on_error`, keeps the errors for `raise_first`."""
 
     def __init__(self, on_error: Callable[[str, CaptureError], object] | None) -> None:
         self._on_error = on_error
@@ -235,7 +235,7 @@ class _Problems:
 
 
 def _check_filter(expression: str) -> None:
-    """If both kinds of filter are invalid, raise the `FilterError` with the larger `position`."""
+    """If `expression` is invalid for frames and for calls, raise the error with the larger `position`."""
     errors = []
     for kind in RecordKind:
         try:
@@ -251,7 +251,7 @@ def _call_test(wanted: Filter | None, source: CaptureInput) -> Callable[[Call], 
 
 
 def choose(word: str, choices: Mapping[str, T]) -> T:
-    """Return `choices[word]`. Raises InputError if the word is not one of the choices."""
+    """Return `choices[word]`. Raises InputError if `word` is not in `choices`."""
     if word not in choices:
         values = ", ".join(map(repr, choices))
         raise InputError(Message("document.none-of", value=repr(word), values=values))

@@ -21,7 +21,7 @@ class Language(StrEnum):
 
 
 def language_of(environment: Mapping[str, str]) -> Language:
-    """Return the language of LC_ALL, LC_MESSAGES or LANG, in this order, as in POSIX; by default English."""
+    """Return the language of the first set variable of LC_ALL, LC_MESSAGES and LANG. Default: English."""
     names = (environment.get(name, "") for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
     name = next(filter(None, names), "")
     return Language.JAPANESE if name.casefold().startswith("ja") else Language.ENGLISH
@@ -64,8 +64,8 @@ PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
 class Message:
     """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable.
 
-    ``str()`` returns the English sentence, so the traceback of an exception with a message shows it.
-    `english` is a text from a table of the protocol; None if the catalogue has the English text.
+    ``str()`` returns the English sentence, so that tracebacks show this sentence. `english` is None if the
+    catalogue has the English text. Otherwise, `english` is this text, for example from a protocol table.
     """
 
     __slots__ = ("english", "id", "places")
@@ -81,7 +81,7 @@ class Message:
 
     @classmethod
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
-        """Return a message whose English text is in a table. The catalogue has only its translations."""
+        """Return a message with the text `english`. The catalogue has only the translations of this text."""
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
         return message
@@ -113,16 +113,16 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
 
 
 def foreign_text(text: str) -> Message:
-    """Return a message with the text of another program or library, which is not translated."""
+    """Return a message with a text of another program or library. bcapscope does not translate this text."""
     return Message.from_table("text", text)
 
 
 class MessageFormatter:
     """Converts messages to sentences in one language.
 
-    `start` is in ns since 1970; sentences show times relative to it. With `only_client`, sentences leave out
-    the address of the client. `find_frame` returns the capture of a frame and its packet number, or None if
-    the frame is unknown; without it, sentences show only the numbers of frames.
+    Sentences show times relative to `start`, in ns since 1970. With `only_client`, sentences leave out the
+    address of the client. `find_frame` returns the capture and the packet number of a frame, or None for an
+    unknown frame. If `find_frame` is None, sentences show only the numbers of frames.
     """
 
     def __init__(
@@ -148,14 +148,14 @@ class MessageFormatter:
         return MessageFormatter(self.language, self.start, self.only_client, find_frame)
 
     def text(self, message: Message) -> str:
-        """Return a message as text; the id with the values if the id is unknown. Raises no exception."""
+        """Return a message as text. For an unknown id, return the id and the values. Raises no exception."""
         template = _template(self.language, message.id)
         if template is None:
             return self._without_template(message)
         return self._filled(template, message)
 
     def plural(self, id: str, number: int) -> str:
-        """Return the text for a number of things. Its template has the placeholder ``{n}``."""
+        """Return the singular or plural text of `id`, with `number` in place of ``{n}``."""
         translations = _translations(self.language)
         template = translations.ngettext(id, f"{id}.plural", number)
         if template.startswith(id):
@@ -166,7 +166,7 @@ class MessageFormatter:
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return a value as text, capitalised if the name of its type is."""
+        """Return a value as text, which is capitalised if `type_name` begins with a capital letter."""
         if isinstance(value, Place):
             text = value.text(self)
         else:
@@ -174,7 +174,7 @@ class MessageFormatter:
         return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
-        """Fill the placeholders of a template. Remove its spaces between two Japanese characters."""
+        """Fill the placeholders of a template. Remove the template's space between Japanese characters."""
         made = ""
         for literal, name, type_name in _parsed(template):
             needless = literal[:1] == " " and _is_japanese(made[-1:]) and _is_japanese(literal[1:2])
@@ -225,7 +225,7 @@ def has_message(id: str) -> bool:
 
 @lru_cache(4096)
 def _template(language: Language, id: str) -> str | None:
-    """Return the template of an id, in English if there is no translation; None if the id is unknown."""
+    """Return the template of an id, or None if the id is unknown. The default is the English template."""
     found = _translations(language).gettext(id)
     if id and found != id:  # for an empty id, gettext returns the header of the catalogue
         return found

@@ -11,8 +11,8 @@ from bcapscope.messages.message import Message
 def os_reason(error: Exception) -> Message:
     """Return the reason in lower case and without the text that Python adds.
 
-    An error can hold a `Message`, such as that of a lost connection. Errors of name resolution have no
-    `errno`, so their text is in English only.
+    If the first argument of `error` is a `Message`, return this message. Errors of name resolution have
+    numbers of their own, so their text is in English only.
     """
     if error.args and isinstance(error.args[0], Message):
         return error.args[0]

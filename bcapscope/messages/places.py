@@ -22,7 +22,7 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def amount_text(value: float) -> str:
-    """Format a number with three significant digits, or with all digits before the decimal point."""
+    """Format a number with three significant digits. Numbers from 999.5 to 1e9 become integers."""
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
@@ -54,7 +54,7 @@ class Moment(Place):
 
 
 class Quantity(Place):
-    """A measured number, such as `12.5 deg`, with `decimals` or three significant digits."""
+    """A number with a unit, such as `12.5 deg`. If `decimals` is None, `amount_text` formats the number."""
 
     type_name = "quantity"
 
@@ -88,7 +88,7 @@ class HexNumber(Place):
 
 
 class Measured(Place):
-    """A number with a chosen number of significant digits, such as `1234.56 deg`."""
+    """A number with a unit and `digits` significant digits, such as `1234.56 deg`."""
 
     type_name = "measured"
 
@@ -105,7 +105,7 @@ class Measured(Place):
 
 
 class Count(Place):
-    """A number with its noun, such as `1 call`. The noun is in the catalogue as `count.<unit>`."""
+    """A number with a noun, such as `1 call`. The catalogue has the noun under the id `count.<unit>`."""
 
     type_name = "count"
 
@@ -133,7 +133,7 @@ class Times(Place):
 
 
 class CodePlace(Place):
-    """A result code, unsigned. `name` is the vendor's symbol, or the code in hex."""
+    """A result code, unsigned. `name` is the vendor's name of the code, or the code in hex."""
 
     type_name = "code"
 
@@ -171,7 +171,7 @@ def frames_text(numbers: Sequence[int], words: MessageFormatter, separator: str 
 
 
 def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
-    """Name the captures and packet numbers of the frames; "" if `words.find_frame` is None."""
+    """Return the captures and packet numbers of the frames, or "" if `words.find_frame` is None."""
     find_frame = words.find_frame
     if find_frame is None:
         return ""
@@ -186,7 +186,7 @@ def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
 class CallPlace(Place):
     """A call, named by its command, or by its function if it has no command.
 
-    `serial` is that of the first attempt; None to show only the name. `call` counts the calls in the traffic.
+    `serial` is the serial of the first attempt, or None to show only the name. `call` is the call's number.
     """
 
     type_name = "call"
@@ -202,7 +202,7 @@ class CallPlace(Place):
 
 
 class ClientPlace(Place):
-    """A client. Templates write ``{client:Client}`` at the start of a sentence."""
+    """A client. At the start of a sentence, write ``{client:Client}`` in a template for a capital letter."""
 
     type_name = "client"
 
@@ -217,7 +217,7 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire. `text` shortens it, but does not escape control characters."""
+    """A string from the wire. `text` shortens the string, but does not escape control characters."""
 
     type_name = "text"
 

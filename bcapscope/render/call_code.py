@@ -50,7 +50,7 @@ def shell_command(
     target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
     """Return a `bcapscope call` command line that opens `subject` by its name and makes the call. Return None
-    if the function is unknown, an argument has no notation, or the line would contain control characters."""
+    if `bcapscope call` does not know the function, or if no command line can express the call."""
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
         return None
@@ -104,7 +104,7 @@ def _name_options(subject: ObjectHandle | None) -> list[str]:
 
 
 def argument_text(param: Param, argument: Variant) -> str | None:
-    """Return an argument as a user types it; None if the notation cannot express it."""
+    """Return the text that users type for an argument, or None if the notation cannot express it."""
     if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
         return argument.value
     return typed_text(argument)

@@ -21,7 +21,7 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
-MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
+MAX_TEMPLATES = 4096  # templates in the cache; a full cache is emptied
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
@@ -35,8 +35,8 @@ _OWN_MEMBERS = {
     "latency_ms": JSON_PLACE,
     "rtt_ms": JSON_PLACE,
 }
-"""JSON members that differ between calls of one kind that have one request and one reply. Such calls share a
-template: the JSON text of a call, with placeholders for these members."""
+"""JSON members that differ between calls of one kind, if each call has one request and one reply. All these
+calls share one template: the JSON text of a call, with placeholders for these members."""
 
 
 class CallRecordRenderer:
@@ -44,11 +44,11 @@ class CallRecordRenderer:
         self._templates: dict[_TemplateKey, bytes] = {}
 
     def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
-        """Return a call as one JSON object, without a line end. `subject` is the object of its handle.
+        """Return a call as one JSON object, without a line end. `subject` is the call's object.
 
-        `started` is in seconds since 1970. `latency_ms` counts from the first request, `rtt_ms` from the
-        answered attempt. All lists except `serials` and `places` hold frame numbers. `places` has one object
-        per frame if the call was captured at two places.
+        `started` is in seconds since 1970. `latency_ms` is the time from the first captured attempt to the
+        reply, `rtt_ms` the time from the answered attempt to the reply. All lists except `serials` and
+        `places` hold frame numbers. `places` has one object per frame if the call was captured at two places.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain or isinstance(request, JoinedObservation):
@@ -75,7 +75,7 @@ class CallPackets:
     """Adds the member `packets` to the JSON of a call: the capture and the packet number of each frame."""
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """`origin_of` finds a packet by its number in all captures. `only_path` is set for one capture."""
+        """`origin_of` takes a packet number. `only_path` is the path if there is only one capture."""
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")
         packet = b'{"frame":%d,"file":' + path + b',"packet":%d}'

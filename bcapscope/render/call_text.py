@@ -38,7 +38,7 @@ class CallRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """`write_endpoints` returns escaped text; by default, addresses and transport of a flow."""
+        """`write_endpoints` returns escaped text. By default, lines show addresses and transport."""
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette

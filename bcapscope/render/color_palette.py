@@ -19,7 +19,7 @@ class Palette:
     reset: str = ""
 
 
-PLAIN = Palette()  # for output to a pipe or file, and if NO_COLOR is set
+PLAIN = Palette()  # without colours, for a pipe or a file, or if NO_COLOR is set
 
 ANSI = Palette(
     number="\x1b[36m",

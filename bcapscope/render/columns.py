@@ -8,8 +8,7 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""Matches East Asian characters of two terminal columns. Text may be wrapped before and after each of them.
-"""
+"""Ranges of East Asian characters that are two terminal columns wide. Text may be wrapped beside them."""
 
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"  # must not begin a line
 
@@ -19,8 +18,7 @@ _INDENT = " " * 7
 _NARROWEST_ROW = 40
 
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
-"""Matches a word or one wide character, with the spaces before it. A line may be wrapped between two matches.
-"""
+"""Matches a word or one wide character, with spaces before it. Lines may be wrapped between two matches."""
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:
@@ -42,7 +40,7 @@ def fit_line(line: str, width: int) -> str:
 
 
 def fold_line(line: str, width: int) -> str:
-    """Break a line, which may contain colour sequences. Indent all rows after the first."""
+    """Break a line into rows, and indent all rows after the first. The line may contain colour sequences."""
     if width < _NARROWEST_ROW or display_width(_COLORS.sub("", line)) <= width:
         return line
     rows: list[str] = []

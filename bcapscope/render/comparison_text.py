@@ -26,7 +26,7 @@ from bcapscope.render.json_values import text_fragment
 from bcapscope.render.statistics_text import call_kind_object, call_kind_text
 from bcapscope.traffic.call_kind import CallKind
 
-MAX_ROWS = 40  # of a text table; JSON contains all rows
+MAX_ROWS = 40  # rows of a text table; JSON contains all rows
 
 _WIDTH = 96
 
@@ -150,8 +150,8 @@ def _rule_lines(
 
 
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
-    """Return the differences between two captures as one JSON object, without a line end. Figures have the
-    same names as in `stats --json`. Shares are from 0 to 1. Times are in milliseconds."""
+    """Return the differences between two captures as one JSON object, without a line end. Statistics have
+    the same names as in `stats --json`. Shares are from 0 to 1. Times are in milliseconds."""
     return orjson.dumps(
         {
             "notable": comparison.is_notable,

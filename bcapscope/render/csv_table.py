@@ -42,7 +42,7 @@ _ARGS, _PROBLEMS = b'"args":', b',"problems":'
 
 
 def csv_cell(text: str) -> str:
-    """Escape text from the wire, with an apostrophe before it if a spreadsheet would evaluate it."""
+    """Escape text from the wire. Begin with an apostrophe if a spreadsheet would evaluate the text."""
     shown = printable(text)
     return f"'{shown}" if is_spreadsheet_formula(text) else shown
 
@@ -93,10 +93,10 @@ class CsvTableRenderer:
         )
 
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Copy the JSON text of the arguments from the JSON object of the frame.
+        """Return the arguments as JSON, copied from the JSON object of the frame.
 
-        A JSON string cannot contain ``"args":``, because JSON escapes quotation marks. The result begins with
-        a bracket, so a spreadsheet does not evaluate it as a formula.
+        The first ``"args":`` is the member, because JSON escapes quotation marks inside strings. The result
+        begins with a bracket, so a spreadsheet does not evaluate the result as a formula.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

@@ -29,7 +29,7 @@ def display_filter(packets: Iterable[int]) -> str:
 
 
 def packets_of(item: Call | StrayReply) -> list[int]:
-    """Return the packet numbers of a call's frames, at every place where they were captured."""
+    """Return the packet numbers of a call's frames. A frame captured at two places has two packet numbers."""
     frames = (
         [item.observation] if isinstance(item, StrayReply) else [each.observation for each in item.frames]
     )

@@ -8,11 +8,11 @@ _KEPT = frozenset("\u3000")  # the ideographic space: not `isprintable`, but com
 
 
 def printable(text: str) -> str:
-    """Escape every character that is not printable as ``\\xNN``, ``\\uNNNN`` or ``\\UNNNNNNNN``.
+    """Escape every non-printable character, such as ``\\n``, ``\\xNN``, ``\\uNNNN`` or ``\\UNNNNNNNN``.
 
-    These are control characters (C0, C1, DEL), bidirectional overrides, other formatting characters, line and
-    paragraph separators, lone surrogates, private and unassigned characters. The result can be encoded in
-    UTF-8.
+    Non-printable characters are control characters (C0, C1, DEL), formatting characters such as bidirectional
+    overrides, separators except the space and U+3000, lone surrogates, private and unassigned characters. The
+    result can be encoded in UTF-8.
     """
     if text.isprintable():
         return text

@@ -19,7 +19,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
-"""Minimum and maximum length of a line. The minimum applies even on a narrower terminal."""
+"""Minimum and maximum width of a line in columns. The minimum applies even on a narrower terminal."""
 
 _STEP = 4
 
@@ -32,7 +32,7 @@ class FindingsRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
         filter_lines: Callable[[Finding], Iterable[str]] | None = None,
     ) -> None:
-        """`filter_lines` returns the lines with a finding's display filters, which are never wrapped."""
+        """`filter_lines` returns the display filters of a finding as lines. These lines are never wrapped."""
         self._palette = palette
         self._words = words
         self._filter_lines = filter_lines
@@ -104,8 +104,8 @@ def finding_record(
 ) -> bytes:
     """Return a finding as a JSON object with escaped English text.
 
-    `origin_of` takes the number of a frame. `is_final` says whether the traffic has ended; before its end,
-    the causes and repetitions of a finding are not known.
+    `origin_of` takes the number of a frame. `is_final` says whether the traffic has ended. Before the
+    end, the causes and repetitions of a finding are not known.
     """
     repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)
@@ -150,7 +150,7 @@ def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return the indentation of each finding: 0 without a cause, else one more than its cause, at most 4."""
+    """Return the depth of each finding: 0 without a cause, else the depth of the cause plus 1, at most 4."""
     depths: list[int] = []
     for finding in findings:
         cause = finding.consequence_of

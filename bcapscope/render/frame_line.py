@@ -37,9 +37,9 @@ from bcapscope.traffic.observation import Direction, Flow, Observation
 
 FormatKey: TypeAlias = "tuple[Flow, FrameTemplate, CallKind | None]"
 
-MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
+MAX_TEMPLATES = 4096  # templates in the cache; a full cache is emptied
 
-MAX_RAW_BYTES = 48  # of malformed bytes in a line
+MAX_RAW_BYTES = 48  # malformed bytes that a line shows
 
 
 class FrameLineRenderer:
@@ -54,7 +54,7 @@ class FrameLineRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """With `brief`, lines omit problems and comments; `remarks` yields these instead. `write_endpoints`
-        returns the endpoints of a flow as escaped text; by default, addresses, transport and direction."""
+        returns escaped text. The default function returns addresses, transport and direction of a flow."""
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
         self._is_brief = brief
@@ -156,22 +156,22 @@ def _addresses(flow: Flow) -> str:
 
 
 LONGEST_STRING = 120
-"""Maximum number of characters of a string. A UI1 array shows at most half as many bytes."""
+"""Maximum number of characters of a string. For a UI1 array, lines show at most half as many bytes."""
 
-MAX_ELEMENTS = 32  # of an array in a line
+MAX_ELEMENTS = 32  # elements of an array in a line
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 FormatPlace: TypeAlias = tuple[int | slice, Callable[[Any], AnyStr]]
-"""The numbers of the frame that fill a placeholder, as index or slice, and the function that formats them."""
+"""Index or slice of a frame's numbers for a placeholder, and a function that formats the numbers."""
 
-_SHOWN_BEFORE = ("bstrCommand",)  # arguments whose values are next to the function's name
+_SHOWN_BEFORE = ("bstrCommand",)  # arguments that a line shows next to the function's name
 
 
 class PlaceholderFormat(Generic[AnyStr]):
     """A %-format for a line of text or a JSON object.
 
-    The format begins with the placeholders for the values of `head`. One placeholder per element of `places`
-    follows.
+    The first placeholders of the format take the values of `head`. The other placeholders take numbers from
+    the frame: one placeholder per element of `places`.
     """
 
     __slots__ = ("places", "text")
@@ -198,7 +198,7 @@ class LineTemplateBuilder:
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
-        """Add arguments as ``name=value``, with the type if it is unexpected."""
+        """Add arguments as ``name=value``. Add a type only if the function's definition has another type."""
         for index, (argument, taken) in enumerate(zip(arguments, number_counts(arguments), strict=True)):
             param = role(index)
             if param.name in _SHOWN_BEFORE and isinstance(argument.variant.value, str):

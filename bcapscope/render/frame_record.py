@@ -27,7 +27,7 @@ from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MAX_TEMPLATES = 4096  # of the cache, which is emptied when it is full
+MAX_TEMPLATES = 4096  # templates in the cache; a full cache is emptied
 
 
 JSON_PLACE, INTEGER_PLACE = orjson.Fragment(b"\0"), orjson.Fragment(b"\1")
@@ -43,7 +43,7 @@ class _ArgumentConverter:
     """Converts arguments to JSON types. `places` collects the placeholders."""
 
     def __init__(self, constants: FrameNumbers | None = None) -> None:
-        """If `constants` is given, the JSON contains these numbers instead of placeholders."""
+        """If `constants` is given, the JSON contains the numbers in `constants` instead of placeholders."""
         self.places: list[FormatPlace[bytes]] = []
         self._constants = constants
         self._numbers_placed = 0
@@ -129,7 +129,7 @@ class FrameRecordRenderer:
 
 
 def with_origin(record: bytes, origin: PacketOrigin) -> bytes:
-    """Add the path of the capture, and the packet's number in it, to the JSON of a frame."""
+    """Add the path of the capture, and the packet number in this capture, to the JSON of a frame."""
     return b'%b,"file":%b,"file_packet":%d}' % (record[:-1], json_text(origin.path), origin.packet)
 
 

@@ -21,19 +21,19 @@ from bcapscope.render.value_text import LONGEST_STRING, value_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
-MAX_ELEMENTS = 32  # of an array; the option `full` shows all
+MAX_ELEMENTS = 32  # elements of an array; the option `full` shows all elements
 
 
 class FieldRowKind(Enum):
-    FIELD = "field"  # contains inner fields, whose rows follow
-    LEAF = "leaf"  # contains bytes and no other fields
-    PROBLEM = "problem"  # with the bytes of the field in the row above
-    NOTE = "note"  # a remark without bytes about the field in the row above
+    FIELD = "field"  # a field with inner fields, whose rows follow
+    LEAF = "leaf"  # a field without inner fields
+    PROBLEM = "problem"  # a problem of a field; the row has the offsets of the affected bytes
+    NOTE = "note"  # a remark about a result code; the row has no bytes
 
 
 class FieldRow(NamedTuple):
     """A row of the tree. `start` and `stop` are offsets in the body of the section. `name` and `text` are
-    escaped. `failed` says whether an HRESULT means failure; it is None for other fields."""
+    escaped. `failed` says whether an HRESULT means failure. For other fields, `failed` is None."""
 
     kind: FieldRowKind
     depth: int
@@ -53,7 +53,7 @@ class FrameSection(NamedTuple):
 
 
 def frame_sections(observation: Observation, call_kind: CallKind | None) -> tuple[FrameSection, ...]:
-    """Return two sections for a compressed frame, otherwise one."""
+    """Return two sections for a compressed frame, otherwise one section."""
     item = observation.item
     if isinstance(item, Malformed):
         # Malformed bytes have no fields, and a gap in a stream has no bytes: show only the problem.
@@ -73,7 +73,7 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
 def field_rows(
     section: FrameSection, full: bool = False, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[FieldRow]:
-    """Yield rows lazily, in the order of the bytes. `full` shows strings and arrays completely."""
+    """Yield the rows of a section, in the order of the bytes. `full` shows strings and arrays completely."""
     for field in section.fields:
         yield from _rows_of_field(field, 0, full, words)
 
@@ -121,7 +121,8 @@ def _rows_of_problems(
 def field_meaning(
     field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return one line, or "" if the name says everything. Cut a string after `longest` characters."""
+    """Return the meaning of a field in one line, or "" if the field's name suffices. A string is cut after
+    `longest` characters."""
     if field.vt is None:
         text = _frame_field_meaning(field, words)
     else:
@@ -155,7 +156,7 @@ def _variant_meaning(field: FrameField, vt: int, longest: int | None, words: Mes
     return f"{vt_name(vt)} {text}".rstrip() if has_type else text
 
 
-BYTES_SHOWN = 8  # in one line of a field
+BYTES_SHOWN = 8  # bytes of a field in one line
 
 _HEX_WIDTH = 3 * BYTES_SHOWN
 _NAME_WIDTH = 20
@@ -165,7 +166,7 @@ _INDENT = "  "
 @dataclass(frozen=True, slots=True)
 class FrameTreeRenderer:
     """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
-    follows.
+    follows each section of a tree.
 
     Lines have fewer than 100 columns, except for lines with long text from the wire or a long problem.
     """
@@ -218,7 +219,7 @@ class FrameTreeRenderer:
 
 
 def colored_value(row: FieldRow, palette: Palette) -> str:
-    """Return the meaning of a row; the colour of a result code shows success or failure."""
+    """Return the text of a row. The colour of a result code shows success or failure."""
     if row.failed is not None:
         return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
     if row.kind is FieldRowKind.LEAF and row.text:

@@ -29,7 +29,7 @@ def hexdump(
     first: int = 0,
     per_line: int = PER_LINE,
 ) -> Iterator[str]:
-    """Yield the lines of a hex dump. Where `highlights` overlap, the last one sets the colour of a byte.
+    """Yield the lines of a hex dump. Where `highlights` overlap, the last highlight sets the colour.
 
     Offsets are decimal, as in field trees and problems, and start at `first`.
     """

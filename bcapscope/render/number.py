@@ -42,7 +42,7 @@ def numbers_text(values: tuple[int | float, ...]) -> str:
 
 
 def singles_text(values: tuple[float, ...]) -> str:
-    """Write R4 values like `single_text`, separated by commas. This is fast if seven digits suffice."""
+    """Write R4 values as `single_text` does, separated by commas, in one step if seven digits suffice."""
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
     return (

@@ -142,7 +142,7 @@ def axis_charts(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield one chart per axis, titled with the latest values. All charts together have `height` lines."""
+    """Yield one chart per axis, titled with the latest values. The charts share `height` lines."""
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
         commanded = [(time, point[axis]) for time, point, _ in history if axis < len(point)]
@@ -176,7 +176,7 @@ def _position_text(value: float) -> str:
 
 
 def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
-    """Yield the histogram of the times from one set point to the next in ms."""
+    """Yield the lines of a histogram of the cycle times in ms."""
     bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
     edges = sorted({edge for each in bins for edge in (each.low, each.high)})
     yield from histogram(bins, edges, palette)
@@ -191,7 +191,7 @@ def run_figure_lines(
     """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
     `slack` holds the number of buffer slots, the duration of a full buffer (ms), and the duration left after
-    the longest pause (ms). It is None if the buffer cannot run empty.
+    the longest pause (ms). `slack` is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:

@@ -122,7 +122,7 @@ class PreflightRenderer:
 
 
 def preflight_record(preflight: PreflightResult) -> bytes:
-    """Return the result as a JSON object. Non-printable characters are escaped. Infinite limits are null."""
+    """Return a pre-flight check as JSON. Non-printable characters are escaped. Infinite limits are null."""
     trajectory, source = preflight.trajectory, preflight.trajectory.source
     return orjson.dumps(
         {

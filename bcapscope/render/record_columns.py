@@ -104,7 +104,7 @@ class ColumnRenderer:
         palette: Palette = PLAIN,
         width: int | None = None,
     ) -> None:
-        """`getters` maps getter names to functions of a record. Lines are cut to `width` columns."""
+        """`getters` maps names to functions that read a record. Lines are cut to `width` columns."""
         self._width = width
         self._columns = columns
         self._readers = [(each, getters[each.field.getter_name]) for each in columns]
@@ -114,7 +114,7 @@ class ColumnRenderer:
     def lines(
         self, records: Iterable[object], format_: ColumnFormat | None
     ) -> Iterator[str] | Iterator[bytes]:
-        """Return lines of text or CSV after a header line, or one JSON object per record."""
+        """Return a header line and one line of text or CSV per record, or only one JSON object per record."""
         if format_ is ColumnFormat.JSON:
             return map(self._json_object, records)
         names = [each.name for each in self._columns]

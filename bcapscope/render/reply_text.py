@@ -51,7 +51,7 @@ def reply_line(
 def reply_record(
     observation: Observation, call_kind: CallKind, took_ns: int, attempts: tuple[Attempt, ...]
 ) -> bytes:
-    """Return the JSON of the reply frame, with the duration as `took_ms` and the attempts as `tries`."""
+    """Return the JSON of the reply frame. `took_ms` is the duration, `tries` the number of attempts."""
     record = FrameRecordRenderer().record(observation, call_kind)
     return b'%b,"took_ms":%.6f,"tries":%d}' % (record[:-1], took_ns / 1e6, len(attempts))
 
@@ -59,7 +59,7 @@ def reply_record(
 def replayed_line(
     played: PlayedCall, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return the number, name, result, values, time, and differences from the recorded call."""
+    """Return one line with the number and the reply of a call, and differences from the recorded call."""
     line, result = played.script_call, played.result
     name, function_id = call_name(line.kind.function_id, played.arguments), line.kind.function_id
     no_answer = words("replay.no-answer")

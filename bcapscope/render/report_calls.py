@@ -32,9 +32,9 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.observation import Conversation
 
-MAX_TIMELINE_ROWS = 16  # clients with the most calls
+MAX_TIMELINE_ROWS = 16  # rows of the picture: the clients with the most calls
 
-MAX_KINDS = 20  # commands that took the most time in total
+MAX_KINDS = 20  # commands in the picture: those that took the most time in total
 
 _NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
 # the picture shows times below 0.001 ms as 0.001 ms, because a logarithmic axis has no 0
@@ -261,7 +261,7 @@ class _TimelineDrawing:
         look: tuple[str, float],
         **more: Any,
     ) -> Any:
-        """Draw horizontal bars. Each period has its row, and its start and end in ns since 1970."""
+        """Draw horizontal bars. Each period has a row, a start and an end, both times in ns since 1970."""
         least = max((self._data.end - self._data.start) / 1e9 * _NARROWEST, 1e-6)
         color, width = look
         return go.Bar(

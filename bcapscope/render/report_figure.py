@@ -19,11 +19,11 @@ from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.escape import printable
 
 BLUE, ORANGE, GREEN, PURPLE, AMBER, GRAY = "#2F7FC1", "#CF5C0A", "#0A8F6A", "#B5619A", "#B27A00", "#7A828C"
-"""Their contrast to white and to #15191D is at least 3.7:1; more than 3:1 is needed (WCAG 2.2, 1.4.11)."""
+"""Each colour has a contrast of 3.7:1 or more to white and to #15191D. WCAG 2.2 (1.4.11) requires 3:1."""
 
-LONGEST_LABEL = 48  # characters of a string from the wire
+LONGEST_LABEL = 48  # maximum number of characters of a label
 
-MAX_BARS = 160  # of a histogram
+MAX_BARS = 160  # bars of a histogram
 
 _WIDE_SPREAD = 5.0  # an axis is logarithmic if the ratio of largest to smallest value is above this
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'Noto Sans JP', sans-serif"
@@ -91,7 +91,7 @@ def marker_trace(
     texts: Sequence[str],
     **more: Any,
 ) -> Any:
-    """Draw a mark at each point. `look` is symbol and colour; `texts` appear under the pointer."""
+    """Draw a mark at each point. `look` has the symbol and the colour. `texts` appear under the pointer."""
     symbol, color = look
     return go.Scatter(
         name=name,
@@ -111,7 +111,7 @@ def axis_layout(title: str, **more: Any) -> dict[str, Any]:
 
 
 def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
-    """Replace NaN and infinities by None, which plotly shows as a gap."""
+    """Replace NaN and infinities with None, which plotly shows as a gap."""
     return [round(value, digits) if math.isfinite(value) else None for value in values]
 
 

@@ -40,7 +40,7 @@ from bcapscope.render.timestamp import utc_text
 MAX_DRAWN = 6
 """Maximum number of slave-mode sessions with pictures: those with the worst problems, then the longest."""
 
-MAX_ROWS = 40  # of a table
+MAX_ROWS = 40  # rows of a table
 
 MAX_SLOW = 10  # rows in the table of set points with the slowest replies
 
@@ -150,7 +150,7 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> tuple[str, str, str]:
-    """Return ``error``, ``warning`` or ``good``, the counts of findings, and a problem's sentence."""
+    """Return ``error``, ``warning`` or ``good``, the counts as text, and the first finding's sentence."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:

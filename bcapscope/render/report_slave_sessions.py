@@ -40,7 +40,7 @@ _MARGIN = {"l": 64, "r": 18, "t": 56, "b": 48}
 
 
 def session_pictures(session: SlaveSession, start: int, words: MessageFormatter) -> list[Picture]:
-    """Return the pictures that have data. `start` is the time of the first frame in ns since 1970."""
+    """Return all pictures that have data. `start` is the time of the first frame in ns since 1970."""
     drawing = _SessionDrawing(session, start, words)
     pictures = drawing.pace(), drawing.spread(), drawing.motion()
     return [picture for picture in pictures if picture is not None]
@@ -210,7 +210,7 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Mark set points at the height of a duration in ms. One without a duration gets no mark."""
+        """Mark each set point that has a duration. The height of the mark is the duration in ms."""
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")
         texts = [
@@ -337,12 +337,12 @@ class _SessionDrawing:
 
 
 def _axis_number(place: int) -> str:
-    """Return the number that plotly appends to the names of the axes of diagram `place`, counted from 0."""
+    """Return what plotly appends to a diagram's axis names: "" for the first diagram, "2" for the second."""
     return "" if place == 0 else str(place + 1)
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of diagrams. The gaps hold the labels of the axes."""
+    """Return the left and right edge of a column of diagrams. The gaps between columns hold axis labels."""
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]

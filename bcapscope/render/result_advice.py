@@ -26,7 +26,7 @@ def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = E
 def result_advice(
     code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Yield a line with name, code and meaning. For a failure, add lines with the error level and advice."""
+    """Yield a line that explains a result code. For a failure, add lines with the error level and advice."""
     found, name = describe_hresult(code), hresult_name(code)
     digits = f"0x{code & 0xFFFFFFFF:08X}"
     head = name if name == digits else f"{name} {digits}"

@@ -23,7 +23,7 @@ from bcapscope.render.text_charts import DECADE_EDGES, edges_around, histogram
 
 CAPTION_WIDTH = 12
 TEXT_WIDTH = 62
-"""With caption and scroll bar, a line of wrapped text fits into 80 columns."""
+"""A caption, a line of wrapped text and a scroll bar fit into 80 columns."""
 
 _FRAMES_SHOWN = 8
 
@@ -130,7 +130,7 @@ def _grid_messages(timing: TimingFacts, cycle: DistributionSummary) -> Iterator[
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table of recommended timeouts, with the number of set points that would have exceeded each."""
+    """Yield a table of timeouts, with the number of set points that would have exceeded each timeout."""
     rows = [tuple(map(writer.label, ("slave.timeouts", "slave.timeouts.one", "slave.timeouts.all")))]
     for deadline in timing.deadlines:
         name = ("* " if deadline.applies else "  ") + writer.text(deadline.name)
@@ -173,7 +173,7 @@ _MOTION = {True: "moving", False: "standing", None: "unknown"}
 
 
 def buffer_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Describe the buffer: its level, estimated by a model, and the errors that the controller reported."""
+    """Describe the estimated level of the buffer, and the buffer errors that the controller reported."""
     yield writer.captioned("buffer", Message("slave.buffer", slots=Count(buffer.slots, "slot")))
     for assumption in buffer.assumptions:
         yield from writer.wrapped(f"- {writer.text(assumption)}")

@@ -161,7 +161,7 @@ _MEMBERS: dict[type, str] = {
     ),
 }
 """JSON members of each class, in order, as ``name=attribute``, or only as the name if both are equal. ``@``
-marks a time, ``!`` a result code, which also gets a member with its name."""
+marks a time. ``!`` marks a result code, which becomes the members `hresult` and `hresult_name`."""
 
 
 def _members(value: object) -> _Object:

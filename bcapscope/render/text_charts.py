@@ -26,7 +26,7 @@ def braille_chart(
     """Draw curves in braille characters, with at least 2 lines and 11 columns. Leave out points with a
     coordinate of 1e9 or more.
 
-    Labels at the left show the range of y in `unit`, labels below the range of x in seconds.
+    Labels at the left show the range of y in `unit`. Labels below the chart show the range of x in seconds.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
@@ -118,7 +118,7 @@ def edges_around(period: float) -> tuple[float, ...]:
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
     """Yield one line per interval between two edges, from the first to the last interval that has values.
 
-    The middle of a bin decides which interval gets its values. An interval with any value has a visible bar.
+    The middle of a bin decides which interval gets its values. An interval with values has a visible bar.
     """
     counts = [0] * (len(edges) + 1)
     for each in bins:

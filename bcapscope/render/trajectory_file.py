@@ -1,22 +1,22 @@
 """Write captured trajectories as files that `play` can read: CSV, or JSON with details of the session.
 
 The CSV is comma-separated UTF-8 text without a byte order mark, quotes or comments. Lines end in LF. Numbers
-have a decimal point; `nan`, `inf` and `-inf` are possible. A parser gets exactly the number that the client
-sent. A missing value is an empty cell (null in JSON). Programs should find columns by name:
+have a decimal point; `nan`, `inf` and `-inf` are possible. Numbers have enough digits to restore the
+client's value exactly. A missing value is an empty cell (null in JSON). Programs should find columns by name:
 
 ``time_s``
     Time at which the client first sent the set point, in seconds since the first set point in the file.
 ``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
 ``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
     The commanded pose, with as many axes as the client sent. A capture does not show which joints are linear
-    axes. Their values are in mm, although the column name says degrees.
-``returned_J1_deg`` … and so on
+    axes. Values of linear axes are in mm, although the column name says degrees.
+``returned_J1_deg`` and so on
     The pose in the accepted reply.
 ``reply_s``
     Time of the accepted reply, counted like ``time_s``.
 ``controller_time_ms``
-    The controller's time stamp, which wraps, because the controller sends a signed 32-bit number of ms or µs.
-    The column is missing if the replies have no time stamps.
+    The controller's time stamp. The time stamp wraps, because the controller sends a signed 32-bit number of
+    ms or µs. The column is missing if the replies have no time stamps.
 ``retries``, ``hresult``, ``call``
     Number of retries, unsigned result code, and number of the call in the output of `bcapscope calls`.
 
@@ -36,7 +36,7 @@ from bcapscope.render.json_values import conversation_object, json_number, text_
 from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
 
-FORMAT = "bcapscope trajectory 1"  # in the member ``format`` of the JSON
+FORMAT = "bcapscope trajectory 1"  # value of the member ``format`` in the JSON
 
 
 class CsvTrajectoryWriter:

@@ -1,4 +1,4 @@
-"""Values of VARIANTs as text: of fields, of replies, and in the notation of `variant_notation`."""
+"""Write values of VARIANTs as text, for fields, for replies, and in the notation of `variant_notation`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.number import currency_text, date_text, number_text, single_text
 
-LONGEST_STRING = 60  # characters of a string, by default
+LONGEST_STRING = 60  # default maximum number of characters of a string
 
-MAX_ELEMENTS = 512  # of an array in a reply's value
+MAX_ELEMENTS = 512  # elements of an array in a reply's value
 
 LONGEST_REPLY_STRING = 4000  # characters of a string in a reply's value
 
@@ -25,7 +25,7 @@ _EMPTY = "(EMPTY)"
 def value_text(
     value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return a scalar value, or "" for bytes, arrays and None. Cut a string after `longest` characters."""
+    """Return a scalar value as text; "" for other values. Cut a string after `longest` characters."""
     if isinstance(value, str):
         return _string_text(value, longest, words)
     if isinstance(value, bool):
@@ -86,15 +86,15 @@ def _reply_scalar(vt: int, value: Value, full: bool) -> str:
 def untyped_text(variant: Variant) -> str | None:
     """Return a value as text without its type, such as ``10,20,30``.
 
-    Return None if the notation cannot express the value: nested VARIANT arrays, arrays with separators inside
-    strings, or types that b-CAP does not have.
+    Return None if the notation cannot express the value. The notation cannot express nested VARIANT arrays,
+    arrays of strings that contain separators, and types that b-CAP does not have.
     """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None
 
 
 def typed_text(variant: Variant) -> str | None:
-    """Return a value with its type, such as ``r4[]:10,20,30``; None if it cannot be expressed so."""
+    """Return a type and a value, such as ``r4[]:10,20,30``; None if the notation cannot express the value."""
     text = untyped_text(variant)
     return None if text is None else f"{type_word(variant.vt)}:{text}"
 

@@ -11,7 +11,7 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
 
-_IDLE_FOR = 1.0  # s; the recorder polls every 0.075 s, so that it would have written new data
+_IDLE_FOR = 1.0  # seconds without new data; the recorder pauses for at most 0.075 s
 
 _WRITTEN_WITHIN = 5.0  # seconds
 

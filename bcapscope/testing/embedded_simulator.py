@@ -71,7 +71,7 @@ class EmbeddedSimulator(RecordingContext):
         self._thread: _ServerThread | None = None
 
     def _start(self, opened: ExitStack) -> tuple[int, ...]:
-        """Raises SimulatorListenError if no loopback port is free, and FileWriteError for the capture."""
+        """Raises SimulatorListenError if no port is free, or FileWriteError if the file cannot be created."""
         from bcapscope.simulator.simulator_server import SimulatorServer  # imports asyncio
 
         _, controller = start_controller(self._scenario, self._seed)
@@ -93,7 +93,7 @@ class EmbeddedSimulator(RecordingContext):
 
 
 class _ServerThread:
-    """The thread that serves the clients. It owns the server and the recorder until it ends."""
+    """The thread that serves the clients and records the traffic."""
 
     def __init__(self, server: SimulatorServer, recorder: BackgroundRecorder) -> None:
         self._server = server
@@ -143,7 +143,7 @@ class _ServerThread:
 
 
 class _EndServing(Exception):
-    """Ends the loop of the serving thread."""
+    """Ends the loop of the thread that serves the clients."""
 
 
 def _load(name_or_path: str) -> Scenario:

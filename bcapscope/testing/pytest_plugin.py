@@ -1,6 +1,7 @@
 """The pytest plugin of bcapscope: fixtures for the tests of b-CAP clients.
 
-pytest loads this module in every test run. It imports the rest of bcapscope only when a test uses a fixture.
+pytest loads this module in every test run. Only tests that use a fixture import the rest
+of bcapscope.
 """
 
 from __future__ import annotations

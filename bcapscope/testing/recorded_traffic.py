@@ -20,7 +20,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 
 
 class RecordedTraffic(PipelineSubscriber):
-    """`calls` are in the order in which they ended, each with the object of its handle."""
+    """The calls and findings of a recording. The order of `calls` is the order in which the calls ended."""
 
     needs_targets = True
 
@@ -40,7 +40,7 @@ class RecordedTraffic(PipelineSubscriber):
         self.calls.append((call, target))
 
 
-MAX_CALLS = 30  # of a report: the last ones of the test
+MAX_CALLS = 30  # calls in a report: the last calls of the test
 
 
 def failure_report_lines(traffic: RecordedTraffic, recording: Path) -> Iterator[str]:

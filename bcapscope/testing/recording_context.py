@@ -21,7 +21,7 @@ LOOPBACK = "127.0.0.1"
 
 
 class RecordingContext(ABC):
-    """Records the traffic of a `with` or `async with` block, in a temporary file if `record` is None.
+    """Records the traffic of a `with` or `async with` block. If `record` is None, the file is temporary.
 
     `async with` starts and stops the recording in a thread, so that the event loop does not wait. If the
     asyncio task is cancelled, the recording stops before `async with` raises CancelledError.

@@ -1,8 +1,7 @@
-"""The capture interfaces that bcapscope adds to Wireshark, and their options, as extcap sentences (`man
-extcap`).
+"""The capture interfaces that bcapscope adds to Wireshark, and the options of these interfaces.
 
-Wireshark runs every program in its extcap folder when it starts. This module imports little, so that it
-starts fast.
+`man extcap` describes the output. When Wireshark starts, Wireshark runs every program in the extcap folder.
+This module imports little, so that bcapscope starts fast.
 """
 
 from __future__ import annotations
@@ -18,16 +17,16 @@ from bcapscope.messages import Message
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario_files import bundled_titles
 
-UNSET = "unset"  # the choice in Wireshark's dialog that leaves out an option
+UNSET = "unset"  # value of a choice in Wireshark's dialog: the command runs without the option
 
 _FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
-"""Pattern of one fault. Semicolons separate faults; within a fault, they are in quotation marks."""
+"""Pattern of one fault. Semicolons separate faults, except semicolons in quotation marks."""
 
 _NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    """The text names the invalid option."""
+    """The text of the error names the invalid option."""
 
 
 class DialogType(StrEnum):
@@ -42,15 +41,15 @@ class DialogType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DialogOption:
-    """An input field in Wireshark's dialog. It sets an option of a bcapscope command.
+    """An input field in Wireshark's dialog that sets an option of a bcapscope command.
 
     Attributes:
-        call: Name that Wireshark passes, such as `--port`.
-        placeholder: Example in an empty input.
-        choices: Maps each value of a list to the text that Wireshark shows.
-        range: Smallest and largest number; "" for no limits.
+        call: Name of the option that Wireshark passes, such as `--port`.
+        placeholder: Example that an empty input field shows.
+        choices: Maps each value that you can choose to the text that Wireshark shows.
+        range: Smallest and largest number that you can enter; "" for no limits.
         option: Name of the command's option; "" if it is the same as `call`.
-        each_value: Pattern of one value, if the input can contain several.
+        each_value: Pattern of one value, if the input field can contain several values.
     """
 
     call: str
@@ -75,7 +74,7 @@ class DialogOption:
 
 @dataclass(frozen=True, slots=True)
 class CaptureSource:
-    """A capture interface in Wireshark. The bcapscope `command` records its packets."""
+    """A capture interface in Wireshark. `command` is the bcapscope command that captures the packets."""
 
     name: str
     title: str
@@ -83,10 +82,10 @@ class CaptureSource:
     options: tuple[DialogOption, ...]
 
     def command_words(self, given: Sequence[str]) -> list[str]:
-        """Convert the options that Wireshark passes to the words of the command and of its options.
+        """Convert the options that Wireshark passes to the words of a bcapscope command line.
 
-        Raises CaptureOptionError if an option is unknown, missing, without a value, or conflicts with another
-        one.
+        Raises CaptureOptionError if an option is unknown or missing, has no value, or conflicts with another
+        option.
         """
         values = self._values(given)
         words, used = [self.command], dict[str, str]()

@@ -23,7 +23,7 @@ from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, RETRY_WITHIN_NS
 from bcapscope.traffic.recent_serials import MAX_SERIALS
 from bcapscope.traffic.serial_table import MAX_REUSED
 
-PARTS = ("inflate", "decoder", "splitter", "dissector")  # each uses what the earlier parts export
+PARTS = ("inflate", "decoder", "splitter", "dissector")  # a part can use what earlier parts export
 
 _EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
 
@@ -55,7 +55,7 @@ def _block(part: str) -> str:
 
 
 def _tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua code, with only those texts whose ids occur in `parts`."""
+    """Return all tables as Lua code. Leave out texts whose ids do not occur in `parts`."""
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {
         unit: [ENGLISH_WORDS.plural(f"count.{unit}", number).replace(str(number), "{n}") for number in (1, 2)]

@@ -1,4 +1,4 @@
-"""Wireshark's folders for plugins, and bcapscope's files there: dissector, coloring rules and launcher."""
+"""Wireshark's plugin folders, and the files for these folders: dissector, coloring rules and launcher."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.wireshark.dissector import dissector_text
 IS_WINDOWS = sys.platform == "win32"
 LAUNCHER_NAME = "bcapscope.bat" if IS_WINDOWS else "bcapscope"
 DISSECTOR_NAME = "bcapscope.lua"
-COLORING_RULES_NAME = "bcapscope.colorfilters"  # the user must import it: Wireshark loads only .lua files
+COLORING_RULES_NAME = "bcapscope.colorfilters"  # users import this file: Wireshark loads only .lua files
 
 _OWN_MARK = b"bcapscope"
 _MARK_WITHIN = 400  # bytes
@@ -32,7 +32,7 @@ def default_plugin_folder() -> Path:
 
 
 def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path, list[Path]]:
-    """Write dissector, coloring rules and launchers; return their paths.
+    """Write the dissector, the coloring rules and the launchers. Return the paths of these files.
 
     Raises FileWriteError if a file cannot be written, or belongs to another program.
     """
@@ -124,7 +124,7 @@ def launcher_text(executable: str = sys.executable, *, is_windows: bool = IS_WIN
 
 
 def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return where Wireshark looks for the launcher: in `folder`, or in the user's folders if it is None.
+    """Return where Wireshark looks for the launcher. If `folder` is None, return the user's folders.
 
     Wireshark 4.0 and older search the configuration folder; 4.2 and newer search ~/.local/lib instead. On
     Windows, all versions search the same folder.
@@ -167,7 +167,7 @@ _COLORING_RULES = (
     ("reply", 'bcap.kind == "response"', (222, 240, 222), _TEXT),
     ("request", "bcap", (218, 232, 250), _TEXT),
 )
-"""Name, display filter, and colors of background and text. Wireshark uses the first rule that matches."""
+"""Each rule has a name, a display filter, a background color and a text color. The first match wins."""
 
 
 def coloring_rules_text() -> str:
