@@ -110,7 +110,9 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
 
 
 class Arguments(tuple[Variant, ...]):
-    """Arguments of a function, or elements of a parameter. A missing one without a default is refused."""
+    """Arguments of a function, or elements of a parameter. An argument that is missing and has no default is
+    refused.
+    """
 
     __slots__ = ()
 
