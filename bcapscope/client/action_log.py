@@ -198,9 +198,7 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, at most `CLOSE_TIMEOUT`. If a line is logged later, a new thread
-        writes it.
-        """
+        """Wait until all lines are written, at most `CLOSE_TIMEOUT`. A new thread writes later lines."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:

@@ -131,9 +131,7 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable. Return None if a call is refused, and EMPTY if the reply has no
-    value.
-    """
+    """Open, read and release a variable. Return None after a refusal, and EMPTY if the reply has no value."""
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

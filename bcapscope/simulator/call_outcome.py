@@ -15,9 +15,7 @@ from bcapscope.protocol.tables.hresult import S_OK
 
 
 class RefusalCode:
-    """Result codes of refused calls and stopped motions. Some codes depend on the axis: add its number (1 to
-    8).
-    """
+    """Codes of refusals and stopped motions. If a code depends on the axis, add the axis number (1 to 8)."""
 
     OBJECT_NOT_FOUND = 0x80000204
     NOT_WRITABLE = 0x8000020A

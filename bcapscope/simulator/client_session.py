@@ -127,7 +127,7 @@ class ClientSession:
     def _connect(self, arguments: Arguments) -> Variant:
         """Open the controller. RC7 ignores all four arguments; other controllers check the provider's name.
 
-        If a client crashes, its controller objects keep their names until the controller removes the client.
+        If a client crashes, the names of its controller objects stay in use until the client is removed.
         """
         name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers

@@ -29,8 +29,7 @@ def played_scenario(
     no_argument: NoArgument | None = None,
     faults: Sequence[AnyFault] = (),
 ) -> Scenario:
-    """Return `scenario` with the given defects, faults and `no_argument`. None means a scenario without
-    events.
+    """Apply defects, faults and `no_argument` to a copy of `scenario`. None means a scenario without events.
 
     Raises:
         ScenarioProfileError: The scenario is made for a profile other than `profile`.

@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 class HandLimits(NamedTuple):
     """Limits of a hand: widths in mm, top speed in mm/s, acceleration in mm/s², forces in N.
 
-    `grip_speed` is the speed of HandMoveH, which has no parameter for speed. `slowest` is a speed in percent.
+    `grip_speed` is for HandMoveH, which has no parameter for speed. `slowest` is the lowest speed in percent.
     """
 
     narrowest: float
@@ -157,7 +157,7 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: Groups of motions that have begun: `time` after SyncTimeStart, `move` after SyncMoveStart.
+        brackets: Groups of motions that have not ended: `time` (SyncTimeStart) and `move` (SyncMoveStart).
     """
 
     def __init__(self, object_width: float | None) -> None:

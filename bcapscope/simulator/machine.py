@@ -198,7 +198,7 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Return the time in ns at which the motor is on or off. `check_state` may refuse to switch it on."""
+        """Return the time in ns when the switching ends. `check_state` may refuse to switch the motor on."""
         if not on:
             self._lose_power()
             self.stop(now, RefusalCode.MOTOR_IS_OFF, is_reported=False)
@@ -209,9 +209,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop or error, outside automatic mode, or without executable
-        token.
-        """
+        """Refuse a call if an emergency stop, an active error, the mode or the missing token forbids it."""
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:

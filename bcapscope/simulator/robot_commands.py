@@ -1,4 +1,4 @@
-"""Commands of the extension Pallet. Commands of Robot_Execute except motions, slave mode and equipment."""
+"""Commands of the extension Pallet, and those of Robot_Execute except motions, slave mode and equipment."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame. This check is fast in case of a flood."""
+    """Return the frame if a datagram is exactly one valid frame. This check must stay fast during a flood."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
@@ -103,7 +103,7 @@ class ClientHost:
         return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Return whether a connection is accepted. `is_stop` says that its first request is a stop."""
+        """Return whether a connection is accepted. If `is_stop`, up to `STOP_CLIENTS` more are accepted."""
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, False, now)
@@ -191,9 +191,7 @@ class ClientHost:
         return self._add_client(peer, True, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Remove the longest silent UDP client if `evictable_after` has passed. Return whether it was
-        removed.
-        """
+        """Remove the UDP client that was silent longest; return False if the silence was too short."""
         silent = [(link.client.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])
         if now - heard < self.evictable_after:

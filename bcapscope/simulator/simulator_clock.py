@@ -65,8 +65,7 @@ class SimulatorClock:
 
         If the simulator reads a request more than `STALL_NS` after the arrival, the simulated time goes back
         to the arrival. During a running call, the simulated time does not go back, because a request during a
-        call is usually a retry. The clock stores only the newest pause; a request rarely waits through two
-        pauses.
+        call is usually a retry. Only the newest pause is stored: few requests wait through two pauses.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)

@@ -133,9 +133,7 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve for at most `until` seconds. Also watch the descriptors `extra`. Return the readable ones of
-        them.
-        """
+        """Serve for at most `until` s. Also watch the descriptors in `extra`, and return readable ones."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -188,9 +186,7 @@ class SimulatorServer:
         return self._select(readers, wait)
 
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
-        """`select` is used, because `epoll` refuses a file as stdin, and `poll` cannot wait for less than 1
-        ms.
-        """
+        """`select` is used, because `epoll` refuses a file as stdin, and `poll` waits for 1 ms or longer."""
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
 

@@ -142,7 +142,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
 }
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Writing these variables is refused in slave mode, as is the equivalent command or function."""
+"""Slave mode refuses writes to these variables, and also the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:

@@ -11,7 +11,7 @@ from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 VARIABLES_PER_LETTER = 100
 
 MAX_FRAMES = 64
-"""Number of tools, and of works; the first is number 0. `MAX_FRAMES` is an assumption."""
+"""Number of tool coordinate systems, and of work coordinate systems. This number is an assumption."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
