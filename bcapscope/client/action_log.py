@@ -39,8 +39,8 @@ class LogFiles:
 
     Attributes:
         path: Path of the file to which the last line was written; before the first line, path of the folder.
-        max_file_size: In bytes. A line that would exceed this size begins the next file of the day.
-        max_total_size: In bytes. Before a new file begins, the oldest files are deleted.
+        max_file_size: Maximum size in bytes. A line that would exceed this size begins the day's next file.
+        max_total_size: Of all files, in bytes. Before a new file begins, the oldest files are deleted.
     """
 
     max_file_size = 16 << 20
@@ -52,8 +52,8 @@ class LogFiles:
         self._is_torn = False
 
     def append(self, line: bytes) -> None:
-        """Append a line with a single write, because other processes append too. An incomplete line is an
-        OSError.
+        """Append a line with a single write, because other processes append to the same file. Raises OSError
+        if the line was not written completely.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line
@@ -140,8 +140,8 @@ class ActionLog:
     """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """`program` sends the requests, such as "call". `on_error` gets only the first of successive
-        failures.
+        """`program` is the name of the program that sends the requests, such as "call". `on_error` is called
+        for the first of successive failures to write.
         """
         self.folder = folder
         self._program = program
@@ -161,7 +161,9 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """If `is_logged`, log a request that `who` sent, and later its reply; `time` is in ns since 1970."""
+        """Log a request that `who` sent. If `is_logged` is False, neither the request nor its reply is
+        logged. `time` is in ns since 1970.
+        """
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
             return
@@ -195,7 +197,7 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait for `CLOSE_TIMEOUT` until all lines are written. A new thread writes any later line."""
+        """Wait until all lines are written, at most `CLOSE_TIMEOUT`. A new thread writes later lines."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:
@@ -260,7 +262,7 @@ def _hex(raw: bytes) -> dict[str, object]:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types. `left[0]` is the number of values for which the line still has room."""
+    """Convert a value to JSON types. `left[0]` is the number of values that still fit in the line."""
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}
@@ -295,7 +297,7 @@ class ArmedCallLogger:
     """Receives all frames of a connection, and logs the calls that need arming.
 
     The first set point of a series is logged like any other call. One further line gives the number of all
-    later ones. A set point that is sent again before a reply arrives counts as a retry.
+    later set points. A set point that is sent again before a reply arrives counts as a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -330,7 +332,9 @@ class ArmedCallLogger:
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log the number of set points since the last such line, if any; by default with the current time."""
+        """Log how many set points were sent since the last line about set points. Without set points, log
+        nothing. `timestamp` is the time of the line in ns; None means now.
+        """
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

@@ -48,7 +48,7 @@ class Caller:
         """Create a caller. A link needs the caller as its receiver, so `attach` sets the link later.
 
         If `fails_if_refused`, a call over UDP fails at the first error that the operating system reports for
-        sent data, until the first data from the controller.
+        sent data. After the first data from the controller, such errors no longer end a call.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer
@@ -78,8 +78,8 @@ class Caller:
     ) -> RequesterOutcome:
         """Make a call and return its outcome, such as the reply or a timeout.
 
-        Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost or,
-        with `fails_if_refused`, if the controller's port is closed.
+        Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError for a lost link. With
+        `fails_if_refused`, a closed port of the controller also raises ConnectionError.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -95,7 +95,7 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send a datagram or bytes of a stream unchanged and without retries, even if they are invalid.
+        """Send a datagram or bytes of a stream unchanged and without retries, even if the bytes are invalid.
 
         Return whether the controller sent data within `timeout` s. Raises ConnectionError for a lost link.
         """

@@ -24,9 +24,9 @@ DEFAULT_PORT = 5007
 class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
-    `sync` is for slvMove: with 7 retries, all attempts together take two cycle times. `asynchronous` is for
-    slvMove in an Async mode, without a retry, because the next set point follows soon. `others` is for other
-    calls.
+    `asynchronous` is for slvMove in an Async mode. It has no retry, because the next set point follows soon.
+    `sync` is for slvMove in other modes: all eight attempts together take two cycle times. `others` is for
+    all other calls.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)
@@ -40,7 +40,7 @@ DEFAULT_TIMEOUT_MS = DEFAULT_RETRY_POLICIES.others.timeout / _MS
 DEFAULT_RETRIES = DEFAULT_RETRY_POLICIES.others.retries
 
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
-"""What DENSO recommends in an Async mode for all calls except slvMove."""
+"""Retry policy that DENSO recommends in an Async mode for all calls except slvMove."""
 
 
 @dataclass(frozen=True, slots=True)

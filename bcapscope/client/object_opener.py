@@ -26,11 +26,11 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
     ObjectClass.ROBOT: DEFAULT_ROBOT,
     ObjectClass.TASK: ROBSLAVE,
 }
-"""Name of an object of each class on most controllers."""
+"""Name that an object of each class has on most controllers."""
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
-"""Refusals of a provider name by RC8 and the CAO engine (orin_bcap C/include/bcap_common.h)."""
+"""RC8 and the CAO engine refuse a provider with these codes (orin_bcap C/include/bcap_common.h)."""
 
 
 class ObjectOpener:
@@ -131,7 +131,7 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable. Return None for a refused call, and EMPTY for no value."""
+    """Open, read and release a variable. Return None after a refusal, and EMPTY if the reply has no value."""
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

@@ -39,7 +39,7 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply, or raise RemoteProtocolError, whose text contains `name`."""
+    """Return the value in a reply. If there is none, raise RemoteProtocolError with `name` in the text."""
     variant = first_variant(reply)
     if variant is None:
         raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)
@@ -49,7 +49,7 @@ def required_variant(reply: Frame, name: str) -> Variant:
 class RemoteObject:
     """An object in the controller, with its handle. The end of an `async with` block releases the object.
 
-    `owner` is the class of the object, with which the names of its functions begin.
+    `owner` is the class of the object. The names of the object's functions begin with this class.
     """
 
     owner: ClassVar[ObjectClass]
@@ -59,7 +59,7 @@ class RemoteObject:
         self.handle = handle
 
     async def release(self) -> None:
-        """Release the object. The session releases it anyway when the session's block ends."""
+        """Release the object. Otherwise, the session releases the object when the session's block ends."""
         await self._invoke("Release")
 
     async def __aenter__(self) -> Self:

@@ -51,7 +51,7 @@ def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
 
 
 class BaseCaller(Protocol):
-    """What a session needs to make its calls. Each method works as in `Caller`."""
+    """Interface through which a session makes its calls. Each method works as in `Caller`."""
 
     @property
     def link(self) -> Link: ...
@@ -68,12 +68,13 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    Over TCP, a call has only one attempt, whose timeout is as long as all UDP attempts together. This also
-    applies to slvMove, because TCP needs longer than a cycle time to retransmit lost data.
+    Over TCP, a call has only one attempt, whose timeout is as long as all UDP attempts together. The timeout
+    of slvMove is then the same as of other calls, because TCP needs longer than a cycle time to retransmit
+    lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
-        check_armed: Runs before each call that needs arming; an exception prevents the call.
+        check_armed: Function that runs before each call that needs arming; an exception prevents the call.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
@@ -129,8 +130,8 @@ class Session:
     async def close(self) -> None:
         """Leave slave mode, release all open objects, newest first, and close the link.
 
-        If the controller no longer replies, only send Service_Stop, once; a controller that is busy with a
-        motion reads it when the motion ends.
+        If the controller no longer replies, the session sends only Service_Stop, once. A controller that is
+        busy with a motion reads Service_Stop when the motion ends.
         """
         try:
             if self._is_starting:
@@ -176,7 +177,7 @@ class Session:
         return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call can energise or move the robot; PutValue depends on name and value."""
+        """Return whether a call can energise or move the robot. For PutValue, name and value decide."""
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
@@ -236,7 +237,8 @@ async def open_session(
     listener: EventListener | None = None,
     fails_if_refused: bool = False,
 ) -> AsyncIterator[Session]:
-    """Open a link, or raise OSError. At the end of the block, the session releases what its calls opened.
+    """Open a link, or raise OSError. At the end of the block, the session releases the objects that its calls
+    opened.
 
     `open_link` is the result of `over_udp` or `over_tcp`. The default `convention` is `SEED` over UDP, and
     `TCP0` over TCP. `observer` receives every frame, and `listener` every event. `Caller` explains

@@ -24,8 +24,8 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Another client may replace a UDP client after this time in ns without a request. It exceeds the 1 s between
-two attempts of a client that gets no reply (DENSO Wave 2009, How to use the Slave mode).
+"""Another client may replace a UDP client after this time in ns without a request. This time exceeds the 1 s
+between two attempts of a client that gets no reply (DENSO Wave 2009, How to use the Slave mode).
 """
 
 _SERVICE_START = CallKind(1, None)
@@ -34,9 +34,10 @@ _SERVICE_START = CallKind(1, None)
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    `find` returns the next recorded call with the same function, command and arguments. After the last such
-    call, it returns this call again. If no recorded call has these arguments, only function and command
-    count. A further Service_Start after the last recorded one begins again at the first recorded call.
+    `find` returns the next recorded call with the same function, command and arguments. After the last of
+    these calls, `find` returns this last call again. If no recorded call has these arguments, `find` compares
+    only function and command. After the last recorded Service_Start, a further Service_Start makes `find`
+    begin again at the first recorded call.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -55,7 +56,7 @@ class ScriptLookup:
         return lookup
 
     def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
-        """Return the recorded call; None if the recording has no call of this function and command."""
+        """Return the call that answers a request; None if the recording lacks this function and command."""
         kind = _casefolded(kind)
         calls = self._calls.get(kind)
         if calls is None:
@@ -160,8 +161,9 @@ class _ReplayClient(HostedClient):
 class RecordedController(ClientHost):
     """Plays the role of a recorded controller. Each client gets the recorded replies from the beginning.
 
-    The replay answers E_NOTIMPL to a call without a usable reply, and counts it in `unknown_calls`. The clock
-    only reproduces recorded delays, and may stop while the process is suspended.
+    If the recording has no usable reply to a call, the replay answers E_NOTIMPL. `unknown_calls` is the
+    number of these calls. The clock only reproduces recorded delays, so the clock may stop while the process
+    is suspended.
     """
 
     evictable_after = IDLE_CLIENT_NS

@@ -24,7 +24,7 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
-"""Tolerances for equal numbers: a robot never returns exactly the same positions or times twice."""
+"""Numbers within these tolerances count as equal. A robot never returns exactly the same values twice."""
 
 
 class NotAtStartError(BcapError):
@@ -34,7 +34,7 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is how much later than planned the call began, in ns, because earlier calls took longer.
+    `delay` is the time in ns by which the call began late, because earlier calls took longer than recorded.
     """
 
     script_call: ScriptCall
@@ -44,7 +44,7 @@ class PlayedCall(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the result codes differ, or only one of the two calls has a reply."""
+        """Whether recorded and played call have different result codes, or only one of them has a reply."""
         result = self.result
         return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
 
@@ -84,7 +84,9 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Cuts pauses to `longest_pause` ns. `anywhere` allows slave mode away from the first set point."""
+        """The player shortens longer pauses to `longest_pause` ns. `anywhere` allows slave mode even if the
+        robot is not at the first set point.
+        """
         self._script = script
         self._opener = opener
         self._channel = channel

@@ -31,7 +31,7 @@ from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""Least time in s that the check assumes between two set points; controllers accept no shorter one."""
+"""The check assumes at least this time in s between two set points. No controller accepts a shorter time."""
 
 
 class UnreadableSetPointError(BcapError):
@@ -41,7 +41,8 @@ class UnreadableSetPointError(BcapError):
 class SetPointRun(NamedTuple):
     """Successive set points of a `ReplayScript`, between which the client stays in slave mode.
 
-    The trajectory also contains refused set points, because a replay sends them. `sent_at` is in seconds.
+    The trajectory also contains refused set points, because a replay sends these, too. `sent_at` is in
+    seconds.
     """
 
     first_call: int
@@ -58,9 +59,9 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield each series of set points. Until a call shows the slave mode, they count as joint positions.
+    """Yield each series of set points. Before a call shows the slave mode, set points are joint positions.
 
-    Raises UnreadableSetPointError if a set point is no pose, or the number of axes changes in a series.
+    Raises UnreadableSetPointError if a set point is not a pose, or the number of axes changes in a series.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

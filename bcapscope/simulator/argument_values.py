@@ -110,7 +110,7 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
 
 
 class Arguments(tuple[Variant, ...]):
-    """Arguments of a function, or elements of a parameter. A missing one without a default is refused."""
+    """Arguments of a call, or elements of a parameter. The methods refuse a call that lacks an argument."""
 
     __slots__ = ()
 

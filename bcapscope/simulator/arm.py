@@ -46,7 +46,7 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest duration in ns within all limits; `speed` is a share of the speed limits."""
+    """Return the shortest duration in ns that all axes allow. `speed` is a share of the speed limits."""
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)

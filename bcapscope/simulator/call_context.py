@@ -17,7 +17,7 @@ from bcapscope.simulator.object_table import ControllerObject, ObjectTable
 
 @dataclass(slots=True)
 class CallContext:
-    """One call that the simulated controller executes. `client` is a number, `now` the time in ns.
+    """One call that the simulated controller executes. `client` is the client's number, `now` the time in ns.
 
     Attributes:
         arguments: Arguments of the function, without the handle of `object`.
@@ -37,7 +37,7 @@ class CallContext:
         return items_of(self.parameter)
 
     def real_array(self, numbers: Iterable[float]) -> Variant:
-        """Return an array of the type that the profile uses for the numbers of a pose."""
+        """Return the numbers as an array of the type that the profile uses for poses."""
         return float_array(self.machine.profile.real, numbers)
 
     def current_pose(self, pose_type: PoseType) -> Variant:

@@ -1,6 +1,7 @@
 """Execute the calls of one client, one after another: request frames in, reply frames out.
 
-In DENSO's C server, a stuck call over UDP blocks all UDP clients. Here, it blocks only its own client.
+In DENSO's C server, a stuck call over UDP blocks all UDP clients. In the simulator, a stuck call blocks only
+its own client.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
 
 MAX_KEPT_REPLIES = 8
-"""Replies kept to answer retries. No client sends so many; each further reply makes every call slower."""
+"""Maximum number of replies that are kept to answer retries. Each kept reply makes every call slower."""
 
 _ROBOT_EXECUTE = 64
 _FUNCTIONS_WITH_RESULT = frozenset(
@@ -109,7 +110,7 @@ class CallExecutor(HostedClient):
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the value of a reply. Without a value, the profile chooses EMPTY or no VARIANT."""
+        """Return the value of a reply. If the call has none, the profile chooses EMPTY or no VARIANT."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

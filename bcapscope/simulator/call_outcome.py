@@ -15,7 +15,7 @@ from bcapscope.protocol.tables.hresult import S_OK
 
 
 class RefusalCode:
-    """Result codes of refusals and stops. If a code depends on the axis, add the axis number (1 to 8)."""
+    """Codes of refusals and stopped motions. If a code depends on the axis, add the axis number (1 to 8)."""
 
     OBJECT_NOT_FOUND = 0x80000204
     NOT_WRITABLE = 0x8000020A
@@ -48,9 +48,9 @@ class RefusalCode:
 # Every call creates an outcome. Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, and creating a
 # frozen dataclass 0.9 µs. A named tuple can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """The result of a call. Without a `value`, the profile decides whether the reply has no value or EMPTY.
+    """The result of a call. If `value` is None, the profile decides whether the reply has no value or EMPTY.
 
-    `reason` tells the simulator's user why the call was refused; it is empty if the result code says enough.
+    `reason` tells the simulator's user why the call was refused. It is empty if the code says enough.
     """
 
     hresult: int = S_OK

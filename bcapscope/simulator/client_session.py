@@ -35,7 +35,7 @@ SHORTEST_WDT = 80
 """Shortest time in ms that a client may choose with the options WDT and InvokeTimeout."""
 
 DEFAULT_INVOKE_TIMEOUT = 180_000
-"""In ms."""
+"""Default of InvokeTimeout in ms."""
 
 LONGEST_QUOTED = 60
 """Maximum number of characters that the reason of a refusal quotes from a client's text."""
@@ -53,7 +53,7 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
 
 
 class ClientSession:
-    """The session of one client. `wdt` is the time in ns between two S_EXECUTING notices, if any."""
+    """The session of one client. `wdt` is the time in ns between two notices; None for no notices."""
 
     def __init__(self, machine: Machine, number: int) -> None:
         self.machine = machine
@@ -125,9 +125,9 @@ class ClientSession:
         self.machine.open_objects[self.number] = self.objects
 
     def _connect(self, arguments: Arguments) -> Variant:
-        """Open the controller. RC7 ignores all four arguments; other controllers require their provider.
+        """Open the controller. RC7 ignores all four arguments; other controllers check the provider's name.
 
-        If a client crashes, the names of its controller objects stay in use until the controller removes it.
+        If a client crashes, the names of its controller objects stay in use until the client is removed.
         """
         name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers
@@ -149,8 +149,8 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
 def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], is_other: bool) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    Sources: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros. The handler of the ..._Execute function
-    later refuses an unknown command.
+    Sources: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros. Return True for an unknown command, which
+    the handler of the ..._Execute function then refuses.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

@@ -29,7 +29,7 @@ def played_scenario(
     no_argument: NoArgument | None = None,
     faults: Sequence[AnyFault] = (),
 ) -> Scenario:
-    """Return `scenario`, or a scenario without events, with the given defects, faults and `no_argument`.
+    """Apply defects, faults and `no_argument` to a copy of `scenario`. None means a scenario without events.
 
     Raises:
         ScenarioProfileError: The scenario is made for a profile other than `profile`.
@@ -57,8 +57,8 @@ def start_controller(
 ) -> tuple[Simulator, Simulator | ScenarioRunner]:
     """Start a simulator in the initial state of a scenario, on the monotonic clock.
 
-    Also return the model for the `SimulatorServer`: a `ScenarioRunner` if the scenario has faults, events or
-    variables, else the simulator.
+    Return the simulator, and the model for the `SimulatorServer`. This model is a `ScenarioRunner` if the
+    scenario has faults, events or variables; otherwise, it is the simulator.
     """
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)

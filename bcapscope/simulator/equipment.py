@@ -18,9 +18,9 @@ SECOND = 1_000_000_000
 
 
 class HandLimits(NamedTuple):
-    """Widths in mm, top speed in mm/s, acceleration in mm/s², forces in N.
+    """Limits of a hand: widths in mm, top speed in mm/s, acceleration in mm/s², forces in N.
 
-    `grip_speed` is the speed of HandMoveH, which has no parameter for speed. `slowest` is in percent.
+    `grip_speed` is for HandMoveH, which has no parameter for speed. `slowest` is the lowest speed in percent.
     """
 
     narrowest: float
@@ -124,7 +124,7 @@ class Hand:
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
-        """Begin a motion to `goal` mm, and return the time in ns of its end. With a `force` in N, grip."""
+        """Begin a motion to `goal` mm or, with a `force` in N, a grip. Return the time in ns of its end."""
         start, thing = self.width(now), self.object_width
         self._touches_object = thing is not None and goal < thing <= start
         self._final_width = thing if thing is not None and self._touches_object else goal
@@ -157,7 +157,7 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         lines: Numbers of the open serial and socket lines.
-        brackets: `time` after SyncTimeStart and `move` after SyncMoveStart, until the matching end command.
+        brackets: Groups of motions that have not ended: `time` (SyncTimeStart) and `move` (SyncMoveStart).
     """
 
     def __init__(self, object_width: float | None) -> None:

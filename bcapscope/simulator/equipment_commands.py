@@ -1,6 +1,7 @@
 """Commands for hands, groups of robots, forces, areas, scenes and buttons, and the extensions Hand0 and Comm.
 
-No force acts on the simulated robot. There is one arm, so the Sync commands only check their order.
+No force acts on the simulated robot. The simulator has only one arm, so SyncTimeStart and similar commands
+only check their order.
 """
 
 from __future__ import annotations
@@ -121,10 +122,9 @@ def _start_with_stored_data(
 def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
-    """Begin a motion of a hand, unless the hand is moving or the controller's state forbids it.
-
-    COBOTTA's hand needs the robot's motor. If `waits`, the call lasts until the motion ends, and a grip of
-    the 2FG hand fails if it grips no object.
+    """Begin a motion of a hand. Refuse the call if the hand is moving or the controller's state forbids a
+    motion. COBOTTA's hand moves only while the robot's motor is on. If `waits`, the call lasts until the
+    motion ends. A grip of the 2FG hand then fails if the hand grips no object.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:
@@ -169,7 +169,7 @@ def _force(hand: Hand, force: float) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the call returns before the motion ends. The option DetectOn has no effect."""
+    """Return whether NEXT lets the call return before the motion ends. The option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 

@@ -1,8 +1,9 @@
 """The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
 
-A function without a handler returns E_NOTIMPL. On a real controller, a program fills some fields of an error;
-here, these fields are 0. The RC8 provider has no Drive (VE026A_JNI.java by Suzuki, 2015), but clients need
-it. The simulator lacks Rotate, because no document describes its planes.
+A function without a handler returns E_NOTIMPL. Some fields of an error describe the program that caused the
+error; in the simulator, these fields are 0 or empty. The RC8 provider has no Drive (VE026A_JNI.java by
+Suzuki, 2015). The simulator has Drive, because clients need this function. The simulator lacks Rotate,
+because no document describes the planes of Rotate.
 """
 
 from __future__ import annotations
@@ -159,7 +160,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext) -> Variant:
-    """Return the handle of a message with the newest active error; refuse the call if there is none."""
+    """Return the handle of a message with the newest active error; refuse the call if no error is active."""
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
@@ -210,7 +211,7 @@ def _robot_speed(context: CallContext) -> None:
 
 
 def _robot_accelerate(context: CallContext) -> None:
-    """Parameters two and three are in percent; -1 keeps the current value."""
+    """Parameters two and three, acceleration and deceleration, are in percent; -1 keeps the current value."""
     given = {"acceleration": context.arguments.number(1), "deceleration": context.arguments.number(2)}
     changed = {name: value for name, value in given.items() if value != -1}
     context.machine.speeds.set_percent(E_INVALIDARG, **changed)
@@ -247,7 +248,7 @@ def _variable_names(context: CallContext) -> Variant:
 
 
 _HANDLERS: Mapping[str, CallHandler] = {
-    # functions that several classes of objects have, without the name of the class
+    # functions of several object classes; the key is the name without the class, such as `GetTag`
     "GetAttribute": lambda context: i4(0),
     "GetHelp": lambda context: bstr(""),
     "GetName": lambda context: bstr(context.object.name),

@@ -40,7 +40,7 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """True, or the running call, while the host must call `poll`."""
+        """Whether the host must call `poll`. A subclass may return the running call instead of True."""
 
     @property
     def _is_unanswered(self) -> bool:

@@ -142,13 +142,13 @@ PoseNumbers: TypeAlias = tuple[float, ...]
 
 
 def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move a pose along the axes of the base, and turn it about these axes."""
+    """Move a pose along the axes of the base, and turn the pose about these axes."""
     place = tuple(a + b for a, b in zip(pose[:3], deviation[:3], strict=True))
     return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
 
 
 def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move a pose along its own axes, and turn it about these axes."""
+    """Move a pose along its own axes, and turn the pose about these axes."""
     turn = rotation(pose)
     place = tuple(a + b for a, b in zip(pose[:3], _apply(turn, deviation[:3]), strict=True))
     return place + _combined_angles(pose, deviation, turn, rotation(deviation))
@@ -181,7 +181,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles Rx, Ry, Rz of the rotation `first`·`second`.
 
-    Without rotation in `other`, the angles of `pose` stay unchanged: set points would jump by a full turn.
+    If `other` has no rotation, return the angles of `pose` unchanged. Computed angles could differ by a full
+    turn, and set points would then jump.
     """
     if not any(other[3:6]):
         return pose[3:6]

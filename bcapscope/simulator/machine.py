@@ -47,7 +47,7 @@ class InitialState:
         speed: External speed in percent, as set on the pendant.
         tasks: Names of the loaded programs; `running` names those that run.
         errors: Codes of the active errors, oldest first.
-        empty: Names of the robot variables whose value is EMPTY, in capitals.
+        empty: Names in capitals of the robot variables whose value is EMPTY.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width in mm of an object between the fingers of the hands; None for no object.
         udp_clients: Number of half-open UDP clients; `tcp_clients` is the same for TCP.
@@ -93,7 +93,9 @@ class Speeds:
             setattr(self, name, value)
 
     def effective_share(self, speed: float | None) -> float:
-        """Return the share of the highest speed, from 0.001 to 1, for an internal `speed` in percent."""
+        """Return a motion's speed as a share of the highest speed, from 0.001 to 1. `speed` is the internal
+        speed in percent; None means the robot's internal speed.
+        """
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
 
@@ -111,7 +113,7 @@ class Alarm:
 
 
 class ControlLog:
-    """Records the time in ns since the start, the commanded and the measured joints, every 8 ms."""
+    """Every 8 ms, records the time in ns since the start, the commanded joints and the measured joints."""
 
     def __init__(self, arm: Arm, started_at: int) -> None:
         self.records: deque[tuple[int, Joints, Joints]] = deque(maxlen=MAX_RECORDS)
@@ -196,7 +198,7 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Return the time in ns at which the motor has switched. Switching it on needs `check_state`."""
+        """Return the time in ns when the switching ends. `check_state` may refuse to switch the motor on."""
         if not on:
             self._lose_power()
             self.stop(now, RefusalCode.MOTOR_IS_OFF, is_reported=False)
@@ -207,7 +209,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop, an error, outside automatic mode, or without the token."""
+        """Refuse a call if an emergency stop, an active error, the mode or the missing token forbids it."""
         if self.emergency:
             raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
@@ -241,8 +243,8 @@ class Machine:
             raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode. Waiting calls and, unless `is_reported`, the next slvMove return
-        `code`.
+        """End motions and slave mode. Calls that wait for a motion or for slave mode return `code`. Unless
+        `is_reported`, the next slvMove also returns `code`.
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -266,9 +268,9 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call, and raise the error `code` unless it is already active.
+        """Refuse a call, and raise the error `code` unless this error is already active.
 
-        Otherwise, 32 refused set points would displace the error that ended slave mode from the list.
+        If each refusal were listed, 32 refused set points would displace the error that ended slave mode.
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)

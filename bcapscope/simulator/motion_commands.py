@@ -1,7 +1,7 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
-Unless the option is NEXT, a call lasts until the commanded joints reach the target, or with @E the encoders.
-With @P, the next motion may begin earlier.
+Unless the option is NEXT, a call lasts until the commanded joints reach the target. With @E, the call lasts
+until the encoders reach the target. With @P, the call ends earlier, and the next motion may then begin.
 """
 
 from __future__ import annotations
@@ -126,8 +126,8 @@ def _parse_options(option: str, read: ReadVariable) -> tuple[float | None, int, 
     """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`.
 
     Return the internal speed in percent (None if not given), the minimum duration in ns, and whether the call
-    returns before the motion ends. The unit of TIME, ms, is assumed. Source of the names: VE026A_JNI.java by
-    Suzuki and the samples. ACCEL and DECEL are checked but do not change the motion.
+    returns before the motion ends. The unit of TIME, ms, is assumed. Source of the options' names:
+    VE026A_JNI.java by Suzuki and the samples. ACCEL and DECEL are checked but do not change the motion.
     """
     text = option[:LONGEST_POSE_TEXT].upper()
     given = {name: _option_number(value, read) for name, value in _OPTION.findall(text)}
@@ -202,7 +202,7 @@ def _drive_many(context: CallContext, absolute: bool) -> HandlerOutcome:
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
-    """Read text such as `@E (1, 5), (2, -10)`."""
+    """Read axes with angles, and the pass motion, from text such as `@E (1, 5), (2, -10)`."""
     match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
     pairs = _PAIR.findall(match["pairs"]) if match else []
     if match is None or len(pairs) != match["pairs"].count("("):

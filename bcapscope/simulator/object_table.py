@@ -22,8 +22,9 @@ _HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # VARIANT types that the C server accept
 class ControllerObject:
     """One object of a client, opened from its `parent`; a controller has no parent.
 
-    `values` holds a command's parameters, for example. "tag" and "id" are the values that the client stored
-    with PutTag and PutID. If a variable's name ends in `*`, the id is the number of the variable.
+    `values` contains the values that the object holds, such as a command's parameters. "tag" and "id" are the
+    values that the client stored with PutTag and PutID. If a variable's name ends in `*`, the id is the
+    number of the variable.
     """
 
     handle: int

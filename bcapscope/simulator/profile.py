@@ -34,9 +34,9 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Replies without a value that contain no VARIANT, instead of VT_EMPTY, if the call can return a value.
-
-    DENSO's C# and Java clients throw an exception if such a reply contains no VARIANT.
+    """Which replies without a value contain no VARIANT, instead of a VARIANT of type VT_EMPTY. This choice
+    concerns only calls that can return a value. DENSO's C# and Java clients throw an exception if such a
+    reply contains no VARIANT.
     """
 
     NEVER = "never"

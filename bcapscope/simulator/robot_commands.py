@@ -1,4 +1,4 @@
-"""Commands of the extension Pallet, and of Robot_Execute except motions, slave mode and equipment."""
+"""Commands of the extension Pallet, and those of Robot_Execute except motions, slave mode and equipment."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _joints(context: CallContext, pose_type: PoseType) -> Joints:
 
 
 def _out_range(context: CallContext) -> Variant:
-    """Return one bit for each axis beyond its limits, and -1 for a position out of reach."""
+    """Return one bit for each axis beyond its limits, or -1 for a position out of reach."""
     items = context.items
     pose = items[0] if items and not isinstance(items[0].value, int | float) else context.parameter
     try:
@@ -150,7 +150,7 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext) -> None:
-    """Take the arm. If the second number is 1, keep the speed, the tool and the work coordinates."""
+    """Take the arm. If the second parameter is 1, TakeArm keeps speed, tool and work coordinates."""
     machine = context.machine
     keeps = context.items.integer(1, default=0) == 1
     if machine.owner not in (None, context.client):
@@ -167,7 +167,7 @@ def _give_arm(context: CallContext) -> None:
 
 
 def motor(context: CallContext) -> RunningCall | None:
-    """Switch the motor. If the second number is 0 or missing, the call lasts until the motor is on."""
+    """Switch the motor. If the second parameter is 0 or missing, the call lasts until the motor is on."""
     items = context.items
     done = context.machine.switch_motor(items.integer(0) != 0, context.now)
     waits = items.integer(1, default=0) == 0
@@ -177,7 +177,9 @@ def motor(context: CallContext) -> RunningCall | None:
 
 
 def _ext_speed(context: CallContext) -> None:
-    """Parameters in percent: -1 keeps the current value, and an acceleration of -2 means speed² / 100."""
+    """Parameters: speed, acceleration and deceleration in percent; -1 keeps the current value. An
+    acceleration or deceleration of -2 means speed² / 100.
+    """
     numbers = numbers_of(context.parameter)
     if not numbers:
         raise RefusedError(E_INVALIDARG)
@@ -200,7 +202,9 @@ def _timed_pose(context: CallContext, pose_type: PoseType) -> Variant:
 
 
 def _motion_complete(context: CallContext) -> Variant:
-    """Return whether the motion command has ended or, if the second number is 1, the encoders are at rest."""
+    """Return whether the motion command has ended. If the second parameter is 1, return whether the encoders
+    are at rest.
+    """
     if context.items.integer(1, default=0) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
     return boolean(context.now >= context.machine.free_at)
@@ -213,7 +217,7 @@ def _servo_data(context: CallContext) -> Variant:
 
 
 def _log_record(context: CallContext) -> Variant:
-    """Return a record; the parameter 0 selects the oldest."""
+    """Return a record of the control log; the parameter 0 selects the oldest record."""
     machine, records, values = context.machine, context.machine.log.records, []
     index = number_within(context.parameter, range(len(records)), RefusalCode.BAD_INDEX)
     time, all_commanded, all_actual = records[index]

@@ -23,10 +23,12 @@ MAX_CLIENTS = 20
 """Maximum number of clients per transport, TCP or UDP."""
 
 STOP_CLIENTS = 4
-"""Clients per transport beyond `MAX_CLIENTS` that may send a stop. DENSO's C server refuses them."""
+"""Number of clients per transport that may connect beyond `MAX_CLIENTS` to send a stop. DENSO's C server
+refuses such clients.
+"""
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Time in ns without a request after which a new client may replace a UDP client, if the host is full."""
+"""Time in ns without a request after which a new client may replace a UDP client, if all places are taken."""
 
 LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
@@ -36,7 +38,7 @@ Peer: TypeAlias = Hashable
 
 
 class ResetMarker(bytes):
-    """As `SimulatorOutput.data`, makes the server reset the TCP connection."""
+    """A `ResetMarker` as `SimulatorOutput.data` makes the server reset the TCP connection."""
 
 
 class SimulatorOutput(NamedTuple):
@@ -56,7 +58,7 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame. A flood of datagrams must stay cheap."""
+    """Return the frame if a datagram is exactly one valid frame. This check must stay fast during a flood."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
@@ -101,7 +103,7 @@ class ClientHost:
         return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Return whether a connection is accepted. If the first request is a stop, there is extra room."""
+        """Return whether a connection is accepted. If `is_stop`, up to `STOP_CLIENTS` more are accepted."""
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, False, now)
@@ -189,7 +191,7 @@ class ClientHost:
         return self._add_client(peer, True, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Return whether the longest silent UDP client, silent for `evictable_after`, was removed."""
+        """Remove the UDP client that was silent longest; return False if the silence was too short."""
         silent = [(link.client.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])
         if now - heard < self.evictable_after:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns after a due event or an arrived request; after a longer one, the clock stops."""
+"""Longest normal delay in ns after a due event or an arrived request. The clock skips a longer delay."""
 
 
 class ClockedModel(Protocol):
@@ -49,7 +49,7 @@ class SimulatorClock:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the simulated time. If an event is long overdue, the time goes back to its due time."""
+        """Return the simulated time. If an event is long overdue, this is the event's due time."""
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -65,7 +65,7 @@ class SimulatorClock:
 
         If the simulator reads a request more than `STALL_NS` after the arrival, the simulated time goes back
         to the arrival. During a running call, the simulated time does not go back, because a request during a
-        call is usually a retry. Only the newest pause is stored: a request rarely waits through two.
+        call is usually a retry. Only the newest pause is stored: few requests wait through two pauses.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -91,7 +91,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If sending took longer than `STALL_NS`, remove the time since `update` from the simulated time."""
+        """If sending took longer than `STALL_NS`, the time since the last `update` does not count."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

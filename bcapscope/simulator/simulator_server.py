@@ -56,7 +56,8 @@ ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
 class TrafficTap(Protocol):
     """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970.
 
-    `on_stream_end` means that one end closed or reset a TCP connection, `on_connection_end` that both did.
+    `on_stream_end` means that one end closed or reset a TCP connection. `on_connection_end` means that the
+    connection ended in both directions.
     """
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None: ...
@@ -91,9 +92,9 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
-    Each request keeps its arrival time, which Linux records; on TCP, only that of the last byte. In modes
-    where the client sets the pace, several set points may be read together. The server spreads their arrival
-    times evenly over the time since the client's previous bytes.
+    Each request keeps the arrival time that Linux records. On TCP, Linux records only the arrival of the last
+    byte. In modes where the client sets the pace, the server may read several set points together. The server
+    spreads their arrival times evenly over the time since the client's previous bytes arrived.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -132,7 +133,7 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve for at most `until` seconds. Also watch `extra` descriptors, and return the readable ones."""
+        """Serve for at most `until` s. Also watch the descriptors in `extra`, and return readable ones."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -185,12 +186,12 @@ class SimulatorServer:
         return self._select(readers, wait)
 
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
-        """`epoll` refuses regular files, even as stdin. `poll` waits in ms, but a cycle of 8 ms needs µs."""
+        """`select` is used, because `epoll` refuses a file as stdin, and `poll` waits for 1 ms or longer."""
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If many are readable (`is_crowded`), read the datagrams after each TCP segment."""
+        """Read a socket. If many are readable (`is_crowded`), also read the datagrams after a TCP segment."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -202,7 +203,7 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Empty the system's buffer before it overflows. Answer only the first datagram immediately."""
+        """Read the waiting datagrams. Answer only the first one, and queue the other ones."""
         receive, turns = self._receive, self.datagram_queue
         # If `_may_be_more` is False, `_arrival_time` does not need an arrival time from the operating system.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
@@ -265,7 +266,7 @@ class SimulatorServer:
         return is_freed
 
     def _tidy(self) -> None:
-        """Once a second, close overdue connections, and accept again after a lack of descriptors."""
+        """Once a second, close overdue connections. After a lack of descriptors, accept connections again."""
         now = time.monotonic_ns()
         if now - self._tidied_at < _TIDY_INTERVAL_NS:
             return
@@ -278,7 +279,7 @@ class SimulatorServer:
             self._choose_sockets()
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
-        """Accept a new client; a full server closes its connection unless the first request is a stop."""
+        """Accept a new client. A full server closes the connection unless the first request is a stop."""
         is_stop = first_frame_stops(first)
         has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())
         if not has_room and is_stop:

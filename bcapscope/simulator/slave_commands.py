@@ -35,7 +35,7 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""A set point is invalid if the length of the vector of its numbers reaches this value."""
+"""A set point is invalid if its numbers form a vector of this length or more."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0

@@ -92,7 +92,7 @@ class SlaveDrive:
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
     def advance(self, now: int) -> int | None:
-        """Consume the due set points. Return the code of the first error; `next_tick` stays at its time."""
+        """Consume the due set points. At an error, return its code; `next_tick` is then the error's time."""
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS

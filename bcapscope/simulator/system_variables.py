@@ -79,7 +79,7 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
 
 
 def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
-    """Return letter and number. If the name ends in `*`, the number is the ID that the client stored."""
+    """Return a variable's letter and number. If the name ends in `*`, PutID has set the number."""
     match = _NUMBERED.fullmatch(context.object.name.strip().upper())
     if match is None or _owner(context).kind is not ObjectClass.CONTROLLER:
         return None
@@ -142,7 +142,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
 }
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Slave mode refuses the equivalent command or function."""
+"""Slave mode refuses writes to these variables, and also the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:

@@ -11,7 +11,7 @@ from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 VARIABLES_PER_LETTER = 100
 
 MAX_FRAMES = 64
-"""Tool and work coordinate systems, numbered from 0. The number is an assumption."""
+"""Number of tool coordinate systems, and of work coordinate systems. This number is an assumption."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
