@@ -1,4 +1,4 @@
-"""Events on a timeline. Neighbouring events of a long capture are joined, so that a picture can show all."""
+"""Events on a timeline. In a long capture, neighbouring events are joined, because room is limited."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the first event, ns since 1970.
         end: End of the last event, ns since 1970.
-        call_kind: Kind of the first call that the event concerns; None for activity and for damaged bytes.
+        call_kind: Kind of the first call that the event concerns; None for activity, damaged frames and gaps.
     """
 
     begin: int

@@ -41,7 +41,7 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples. Beyond `MAX_SAMPLES`, each two samples become one."""
+    """Summarises successive set points as samples. Beyond `MAX_SAMPLES`, pairs of samples are joined."""
 
     def __init__(self, axes: int, origin: int) -> None:
         self._axes = axes

@@ -83,7 +83,7 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Latest time among the last set point, its reply and `entered_at`, ns since 1970; 0 if unknown."""
+        """Latest time of a set point, of a reply or of `entered_at`, ns since 1970; 0 if unknown."""
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
 

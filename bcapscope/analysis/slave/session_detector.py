@@ -50,7 +50,7 @@ No source states this value. bcapscope assumes that the robot brakes for at most
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""`SlaveSession.other_calls` includes calls from `BEFORE_NS` before to `AFTER_NS` after the session."""
+"""`SlaveSession.other_calls` includes calls up to `BEFORE_NS` before and `AFTER_NS` after a session."""
 
 MAX_SESSIONS = 64
 """Maximum number of open sessions. A further session ends the session that was silent longest."""

@@ -170,8 +170,8 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """Return 1 for a set point to which the robot moves, 0 for one at standstill, and -1 if unknown. The
-        result begins with the last set point of the previous batch.
+        """Return 1 for a set point to which the robot moves, 0 if the robot stands still, and -1 if unknown.
+        The result begins with the last set point of the previous batch.
 
         A tiny step counts as standstill, because a smooth motion ends with tiny steps.
         """
