@@ -1,1 +1,1 @@
-"""Findings, slave-mode sessions, statistics and comparison of captures, without files, sockets or clock."""
+"""Findings, slave-mode sessions, statistics and comparison of captures. No module uses sockets or a clock."""

@@ -19,7 +19,7 @@ def text_argument(call: Call, index: int) -> str:
 
 
 def result_of(call: Call) -> Value:
-    """Return the value of a successful reply; None if there is none."""
+    """Return the value of the reply; None if the call failed, or if the reply has no value."""
     if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
         return None
     return call.reply.item.arguments[0].variant.value

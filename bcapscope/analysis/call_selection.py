@@ -13,10 +13,10 @@ from bcapscope.traffic.observation import Observation
 
 
 class CallSelection:
-    """Marks each reported problem as selected or not selected, then passes it to `report_occurrence`.
+    """Marks each reported problem as selected or not, then passes the problem to `report_occurrence`.
 
-    A problem is selected if a selected call contains one of its frames. A problem of a frame is stored until
-    the frame's call is complete, because only then is it known whether the call is selected.
+    A problem is selected if a selected call contains one of the problem's frames. A problem of a single frame
+    is stored until the frame's call is complete. Only then can `is_selected` test the call.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
@@ -31,7 +31,7 @@ class CallSelection:
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Test whether a completed call is selected. The rules must check the call afterwards."""
+        """Test whether a completed call is selected. Call this method before the rules check the call."""
         self._unsettled_frame = None
         frames = [seen.number for seen in call_observations(call)]
         if self._is_selected(call):
@@ -43,7 +43,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report the stored problems of a stray reply. The rules must check the reply afterwards."""
+        """Report the stored problems of a stray reply. Call this method before the rules check the reply."""
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)
 
@@ -54,7 +54,7 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the stored problems, then the problems in `at_end`, marked as far as calls are complete."""
+        """Yield the stored problems and those in `at_end`. Only frames of complete calls can be selected."""
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 
     def _marked(self, occurrence: Occurrence) -> Occurrence:

@@ -20,7 +20,7 @@ FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of times or rates. Two captures of the same program can have a smaller ratio."""
+"""Smallest notable ratio of times or rates. Two captures of the same program can differ by less."""
 
 NOTABLE_CYCLE = 1.1
 """Smallest notable ratio of median cycle times. A client should keep its cycle time constant."""
@@ -56,7 +56,7 @@ class Difference:
         subject: Kind of call or number of the slave-mode session; None for all calls.
         figure: Name of the figure, such as `latency_ms.p50`, as in the JSON of ``stats``.
         good: Value in the first capture; None if the capture has no such value.
-        bad: Value in the second capture.
+        bad: Value in the second capture; None if the capture has no such value.
         notable: Whether the difference is too large for two captures of the same faultless program.
     """
 
@@ -93,11 +93,11 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ: notable ones first, then by subject: slave-mode sessions, all calls
-            together, kinds of call (longest total time first).
+        differences: Figures that differ: first the notable figures, then the others. In both parts, the order
+            is: slave-mode sessions, all calls together, kinds of call (longest total time first).
         session_counts: Number of slave-mode sessions in each capture.
-        rules: Rules whose number of findings differs: first those with more in the second capture, in the
-            order of ``diagnose``.
+        rules: Rules whose number of findings differs. Rules with more findings in the second capture come
+            first. Otherwise, the rules are in the order of ``diagnose``.
     """
 
     differences: tuple[Difference, ...]
@@ -115,7 +115,7 @@ class CaptureComparison:
 
 
 def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
-    """Compare the figures and findings of two captures, and their slave-mode sessions in order of start."""
+    """Compare two captures: figures, findings, and slave-mode sessions (first with first, and so on)."""
     kinds_good, kinds_bad = _by_kind(good.statistics), _by_kind(bad.statistics)
     differences = list(_session_differences(good, bad))
     if good.statistics is not None and bad.statistics is not None and len({*kinds_good, *kinds_bad}) > 1:
@@ -143,8 +143,8 @@ def _unmatched_kinds(
     return tuple(UnmatchedKind(kind, mine[kind].calls) for kind in mine if kind not in other)
 
 
-# Decides whether the difference of two values is notable. The numbers are those of the calls or cycles from
-# which the values were computed.
+# Function that decides whether two values of a figure differ notably. The last argument has the number of
+# calls or set points in each capture.
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
@@ -165,7 +165,7 @@ def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Compare the shares of a random event, such as a loss, whose counts have a Poisson distribution."""
+    """Test whether two shares of random events, such as losses, differ by more than chance explains."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -216,15 +216,15 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # `not_followed_share` depends on a memory limit of bcapscope.
+    # `not_followed_share` is never notable, because this share depends on a memory limit of bcapscope.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures not compared for all calls together, because they depend on which kinds of call were made."""
+"""Figures that are compared only for single kinds of call, because a mix of kinds changes these figures."""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that, with few calls, depend on the length of the capture."""
+"""If a capture has few calls, these figures depend on the length of the capture."""
 
 
 def _session_differences(good: ComparedCapture, bad: ComparedCapture) -> Iterator[Difference]:

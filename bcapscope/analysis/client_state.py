@@ -1,4 +1,4 @@
-"""State of each client, deduced from its calls, which can explain why the controller refuses a call."""
+"""State of each client, deduced from its calls. This state can explain why the controller refuses a call."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ MAX_HANDLES = 1024
 """Maximum number of handles per client. DENSO's C server (bcap_server.c) gives a client at most 1000."""
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of remembered clients whose conversation has ended; their slave mode may still be on."""
+"""Maximum number of remembered clients whose conversation has ended. Their slave mode may still be on."""
 
 SLOW_CALL_NS = 50_000_000
-"""If a call takes longer (ns), the controller may still execute it during the client's next call."""
+"""A call that takes longer than this time (ns) may still be executed during the client's next call."""
 
 # Maximum size in bytes of a set point in `recent_set_points`. A real set point has a few hundred bytes.
 _LARGEST_POINT = 8192
@@ -66,7 +66,7 @@ class ClientState:
     """State of one client, deduced from its completed calls.
 
     Attributes:
-        longest_pause_ns: Longest pause in ns between two calls, without the pauses between set points.
+        longest_pause_ns: Longest pause in ns before a call; pauses in a series of set points do not count.
         service_start: The Service_Start call of the current session; None if this call was not captured.
         failed_start: Service_Start call that the controller refused, or probably ignored because of serial 0;
             None while a session is open.
@@ -147,7 +147,7 @@ class ClientState:
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """None while slave mode is off. An unknown generation counts as RC8."""
+        """Slave mode; None if slave mode is off or unknown. An unknown generation counts as RC8."""
         generation = self.generation or Generation.RC8
         return slave_mode_by_number(self.mode_value, generation) if self.mode_value else None
 
@@ -218,8 +218,8 @@ class ClientState:
             self.failed_openings[creates] = call
 
     def equivalent_command(self, call: Call) -> str:
-        """Return the command of a call in lower case; `motor` for a write to @SERVO_ON, `robslave` for a
-        Task_Start of RobSlave, and "" for any other call.
+        """Return the command of a call in lower case; "" if there is none. A write to @SERVO_ON counts as the
+        command `motor`, and a Task_Start of RobSlave as the command `robslave`.
         """
         function_id, command = call.kind
         if command is not None:

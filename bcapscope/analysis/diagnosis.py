@@ -43,8 +43,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    At any time, `findings`, `totals` and `remaining_sessions` return the same results as if the traffic ended
-    now, and change nothing.
+    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
+    return the same results as if the traffic ended now.
     """
 
     needs_targets = True
@@ -58,9 +58,10 @@ class Diagnosis(PipelineSubscriber):
 
         Args:
             is_selected: Function that selects calls; None to select all calls. The rules check all calls, but
-                report only the findings about selected calls, and the causes of these findings.
-            on_slave_session: Function that receives each complete slave-mode session, with `is_selected` only
-                the sessions with selected set points. `remaining_sessions` returns the incomplete sessions.
+                `findings` returns only findings about selected calls, and the causes of these findings.
+            on_slave_session: Function that receives each complete slave-mode session. With `is_selected`, the
+                function receives only sessions with selected set points. `remaining_sessions` returns the
+                incomplete sessions.
         """
         self._collector = FindingCollector()
         self._report_occurrence = self._collector.add_occurrence
@@ -140,7 +141,7 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a small frame with problems to the checkers. `on_frame` has already passed large frames."""
+        """Pass a small frame with problems to the checkers. `on_frame` passes large frames."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)

@@ -111,7 +111,7 @@ class TrafficTotals(NamedTuple):
 
     @property
     def has_only_client(self) -> bool:
-        """Whether there is at most one client, which the sentences of findings then need not name."""
+        """Whether there is at most one client. If so, the sentences of findings need not name the client."""
         return self.clients <= 1
 
 

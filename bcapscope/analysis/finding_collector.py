@@ -13,7 +13,7 @@ MAX_FINDINGS = 16
 """Maximum number of findings of one rule. Further problems are added to the rule's first finding."""
 
 MAX_CALLS = 256
-"""Maximum number of calls whose problems the collector can look up by call number: the latest ones."""
+"""Maximum number of calls, the latest ones, whose problems the collector can look up by call number."""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames that a finding lists for one occurrence of its problem."""
@@ -112,8 +112,8 @@ class FindingCollector:
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate, of several the likeliest, that can be the cause of `effect`. A
-        candidate that began after the effect, or that is its consequence, cannot be the cause.
+        """Return the latest candidate that can be the cause of `effect`. If several candidates began at the
+        same time, return the likeliest. A cause begins before `effect` ends, and never follows from `effect`.
         """
         best, best_key = None, (0, 0)
         # Check the latest candidates first, so that `_leads_to` is not called for candidates that began
@@ -141,8 +141,8 @@ class FindingCollector:
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
-        """Yield each problem of a rule in `possible_causes` that concerns the same call, or that concerns the
-        same controller and ended at most `cause_within_ns` before.
+        """Yield the problems that `possible_causes` of the rule allows: those of the same call, and those
+        of the same controller that ended at most `cause_within_ns` before `occurrence` began.
         """
         earliest = occurrence.began - occurrence.rule.cause_within_ns
         host = occurrence.conversation.server.host
@@ -165,12 +165,12 @@ class FindingCollector:
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
         """Return the findings about selected calls, and the causes of these findings.
 
-        Each root cause is followed by its consequences. Root causes are sorted by their worst `RobotImpact`,
-        then by their worst severity, consequences included, then by time. Root causes of the same client are
-        listed together: first the client with the gravest root cause.
+        Each root cause is followed by its consequences. Root causes are sorted by `RobotImpact`, then by
+        severity, then by time. The gravest impact and severity can be those of a consequence. Root causes of
+        the same client are listed together. The client with the gravest root cause comes first.
 
         Args:
-            provisional: Further problems that are not added to the collector.
+            provisional: Further problems for this result; they are not added to the collector.
         """
         snapshot = self._copy()
         for occurrence in provisional:
@@ -242,7 +242,7 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return a copy of `finding` that names the first few consequences, and refers to any others."""
+    """Return a copy of `finding` that names its first consequences, and refers to any other consequences."""
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):

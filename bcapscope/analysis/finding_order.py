@@ -40,7 +40,7 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace and return the occurrence that has the same call number as `update`, if there is one."""
+        """Replace the occurrence of the same call as `update`; return the replaced occurrence, or None."""
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -137,7 +137,7 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group with the cause of `group.shown`, unless this would close a cycle."""
+    """Map each group to the group with the cause of `group.shown`. Skip links that would close a cycle."""
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):

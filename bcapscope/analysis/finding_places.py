@@ -15,7 +15,7 @@ def client_place(conversation: Conversation) -> ClientPlace:
 
 
 def call_place(call: Call) -> CallPlace:
-    """A message shows this value as `slvMove 250`: the command or function, and the first serial."""
+    """Return a value that messages show as `slvMove 250`: the command or function, and the first serial."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 

@@ -109,7 +109,7 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 
 
 class ReportDataBuilder(PipelineSubscriber):
-    """Gathers the data for a report. Subscribe to the pipeline first its `diagnosis`, then the builder."""
+    """Gathers the data for a report. First subscribe `diagnosis` to the pipeline, then this builder."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """The report covers the damaged frames of all calls, selected or not."""
@@ -253,7 +253,7 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return the gravest event about the attempts of a call, and the event about its result."""
+    """Return the kinds of events of a call: the gravest event about its attempts, and its failure, if any."""
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

@@ -1,4 +1,4 @@
-"""Events on a timeline. Neighbouring events of a long capture are joined, to fit into a picture."""
+"""Events on a timeline. In a long capture, neighbouring events are joined, because room is limited."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the first event, ns since 1970.
         end: End of the last event, ns since 1970.
-        call_kind: Kind of the first call that the event concerns; None for a period of activity.
+        call_kind: Kind of the first call that the event concerns; None for activity, damaged frames and gaps.
     """
 
     begin: int
@@ -50,7 +50,8 @@ class TimelineEvent(NamedTuple):
 class TimelineEventList:
     """Collects events in roughly chronological order.
 
-    Events less than `pause` ns apart are joined. If more than `most` remain, the list increases `pause`.
+    Events less than `pause` ns apart are joined. If there are still more than `most` events, the list
+    increases `pause`.
     """
 
     def __init__(self, most: int, pause: int = 0) -> None:

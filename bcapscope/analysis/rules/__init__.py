@@ -1,4 +1,4 @@
-"""The rules of `diagnose`: their data in `rules.tsv`, and the checkers that apply them."""
+"""The checkers that apply the rules of `diagnose`. The table `rules.tsv` has the data of the rules."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # first, because its findings can cause findings of the other checkers
+    ProxyChecker,  # comes first, because an injected fault can explain findings of the other checkers
     WireChecker,
     ConnectionChecker,
     ReplyChecker,
@@ -40,4 +40,4 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     PollingChecker,
     MotionChecker,
 )
-"""All checkers, in the order in which they get each call."""
+"""All checkers. `Diagnosis` passes each call to the checkers in this order."""

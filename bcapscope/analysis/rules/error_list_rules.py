@@ -76,7 +76,7 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: str, code: int) -> bool:
-        """Return whether the error `code` of the rule `rule` may explain the client's first refused call."""
+        """Return whether the error `code`, which `rule` reports, may explain the first refused call."""
         is_notice = not describe_hresult(code).level and rule == "controller-error"
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
@@ -95,8 +95,8 @@ class _ControllerErrors:
 class ErrorListChecker(RuleChecker):
     """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    The calls of different clients may come in any order. Therefore the checker also compares the latest
-    errors that clients read with each later refusal.
+    A refused call may complete after another client has already read the error. Therefore the checker also
+    compares each new refusal with the latest errors that clients read.
     """
 
     def set_up(self) -> None:
@@ -143,8 +143,10 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report the error `read.code` if it explains the first refusal. The error list begins with the
-        newest error, so the codes below the refusal's own code are older than the refusal.
+        """Report the error `read.code` if this error explains the first refusal.
+
+        Clients read the newest error first, so errors that are read after the refusal's own code are older
+        than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

@@ -1,4 +1,4 @@
-"""Rules about errors that a client does not clear or does not read, and about errors without another rule."""
+"""Rules about errors that a client does not clear or read, and about errors that no other rule covers."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """The calls that can change or move something, after a controller error that is not yet cleared.
+    """Calls that a client made after an uncleared controller error, and that can change or move something.
 
     Attributes:
         clear_attempt: The first ClearError call that got no successful reply.

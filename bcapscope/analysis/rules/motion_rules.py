@@ -19,7 +19,8 @@ from bcapscope.traffic.observation import Conversation
 
 _REMEMBERED = 32
 """Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
-The calls of different clients may complete in any order, so either can come first.
+The checker may get a speed change before or after the motion, because calls of different clients may complete
+in any order.
 """
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))

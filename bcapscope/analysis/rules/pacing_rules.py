@@ -113,7 +113,7 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point may replace the one in the buffer; True if the mode is unknown."""
+    """Return whether a new set point may replace a set point in the buffer; True if the mode is unknown."""
     return session.mode.meaning is None or session.buffer.overwrites
 
 
@@ -146,7 +146,7 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points around the longest recent pause that is long enough to empty a full buffer."""
+    """Return the set points before and after the longest recent pause; None if a full buffer lasts longer."""
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":
         points.append(call)

@@ -1,4 +1,4 @@
-"""Rules about what a motion needs: a program, standstill, the arm, the motor, slave mode, permission."""
+"""Rules about what a motion needs, such as the arm, the motor, standstill or the program RobSlave."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest accepted Task_Start call for RobSlave, which any client may have made."""
+    """Return the latest Task_Start call, by any client, that started RobSlave."""
     starts = (each.robslave_start for each in (client, *client.other_clients()))
     found = [each for each in starts if each is not None]
     return max(found, key=lambda each: each.request.time, default=None)
@@ -194,7 +194,7 @@ def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
 def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
     for other in client.other_clients():
         taken = other.take_arm_call
-        given_back = _unanswered(other, "givearm") is not None  # perhaps: the reply was not captured
+        given_back = _unanswered(other, "givearm") is not None  # GiveArm without a reply may have worked
         if taken is not None and taken.request.time < call.request.time and not given_back:
             place, at = client_place(other.conversation), Moment(taken.request.time)
             return RefusalReason(Message("reason.arm.held", client=place, at=at), evidence_call=taken)

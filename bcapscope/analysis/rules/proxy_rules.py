@@ -11,7 +11,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 _HELD_NS = 1_000_000
-"""Shortest delay by the proxy, in ns, that a finding mentions. The proxy is usually much faster."""
+"""Shortest delay by the proxy, in ns, that a finding mentions. The proxy usually delays a frame far less."""
 
 
 class ProxyChecker(RuleChecker):
@@ -48,7 +48,7 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Return `fact` with the place where frames of the call were lost or held, as far as it is known."""
+    """Add to `fact` the place where frames of the call were lost or held, if this place is known."""
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"

@@ -40,7 +40,7 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move, as `ClientState.equivalent_command` names them."""
+"""Results of `ClientState.equivalent_command` for calls that prepare a motion."""
 
 
 class RefusalChecker(RuleChecker):
@@ -84,7 +84,7 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the call with the uncleared error, which often has the same cause as a refused ClearError."""
+    """If `call` is a refused ClearError, return the number of the call with the uncleared error."""
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 

@@ -38,8 +38,8 @@ class _Pending:
     """Calls and replies that `ReplyChecker` can judge only after it has seen more traffic of the client.
 
     Attributes:
-        given_up: Latest call without a reply; the client gave this call up, or the client program stopped.
-        strays: Replies whose request was not captured, perhaps because it was sent before the capture.
+        given_up: Latest call without a reply: the client gave up this call, or the client program stopped.
+        strays: Replies whose request the capture seems to lack (see `StrayReply.request_missed`).
     """
 
     given_up: Call | None = None
@@ -200,8 +200,8 @@ class ReplyChecker(RuleChecker):
         began: int = 0,
         completed: int = 0,
     ) -> None:
-        """Report a problem of a call. Calls that need different advice, because of the place where frames
-        were lost or held, become different findings.
+        """Report a problem of a call. The place where frames were lost or held determines the advice. Calls
+        with different advice become different findings.
         """
         fact, advice = with_place(call, fact), advice_by_place(call)
         key = "" if advice is None else advice.id
@@ -296,8 +296,8 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether the controller answered a set point late because the buffer had no room.
 
-    This happens only in modes in which the controller sets the pace. DENSO recommends a timeout of 2 ms for
-    these modes, so the client retries while the controller waits, which does no harm.
+    The controller waits for room only in modes in which the controller sets the pace. DENSO recommends a
+    timeout of 2 ms for these modes, so the client retries during this wait. These retries do no harm.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -316,12 +316,12 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the last attempt with the serial of `reply` that was sent before `reply`."""
+        """Return the last attempt before `reply` with the same serial; the first request if there is none."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if not late."""
+        """Return when the client gave up the answered attempt, ns since 1970; 0 if `reply` was not late."""
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

@@ -1,4 +1,4 @@
-"""The base class of all checkers, and the classes for reported problems and reasons of refused calls."""
+"""The base class of all checkers, and the classes for problems and for reasons of refusals."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Occurrence:
 
 class ClientEnd(NamedTuple):
     """The end of a client's traffic at `ended_at` (ns since 1970): the capture ended, or the client was
-    dropped from memory. A client with `known_present` is still connected, although it sends nothing.
+    dropped from memory. If `known_present` is True, the client is still connected, although it sends nothing.
     """
 
     client: ClientState
@@ -101,10 +101,10 @@ class RuleChecker:
     holds data about each client until the client is dropped from memory.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). If it is False,
-            `on_call` gets no set point of a series (see `AlikeSetPoints`), because a capture can contain
-            millions of set points. If it is True, `on_call` may get many set points of a series before
-            bcapscope updates `client`.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). If the value is
+            False, `on_call` gets no set point of a series (see `AlikeSetPoints`), because a capture can
+            contain millions of set points. If the value is True, `on_call` may get many set points of a
+            series before bcapscope updates the `ClientState`.
     """
 
     needs_every_set_point: ClassVar[bool] = False
@@ -156,7 +156,7 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` checks such calls. `Diagnosis` caches the result."""
+        """Return whether `on_call` checks calls of this kind and health. `Diagnosis` caches the result."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
@@ -204,9 +204,9 @@ class RefusalReason(NamedTuple):
     """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: Value of the placeholder `reason` in `finding.refused.because`; None if no reason is known.
-        fact: Message that replaces `finding.refused` or `finding.refused.because`, unless None.
-        clause: Message that replaces `clause.refused`, unless None.
+        text: Reason as text, for the message `finding.refused.because`; None for `finding.refused`.
+        fact: Message for the finding; None for `finding.refused` or `finding.refused.because`.
+        clause: Message that names the refusal as a consequence; None for `clause.refused`.
     """
 
     text: Message | None = None
@@ -224,7 +224,7 @@ ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"
 
 
 def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalReason:
-    """Return a reason that consists of the call `earlier`. The message `id` states the reason."""
+    """Return the call `earlier` as the reason for a refusal. The message `id` states this reason."""
     text = Message(id, call=call_place(earlier), at=Moment(earlier.request.time), **places)
     return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)
 
@@ -238,7 +238,7 @@ class Refusal(NamedTuple):
 
     Attributes:
         codes: Result codes to which this kind of refusal applies; empty for all codes.
-        explain: Function that returns None if the call is not a refusal of this kind.
+        explain: Function that returns the reason for a refusal; None if the refusal is of another kind.
     """
 
     rule: str

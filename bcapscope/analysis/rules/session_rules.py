@@ -48,7 +48,7 @@ _SOON_NS = SECOND // 20
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client counts as gone only if its silence is longer than its longest earlier pause by this factor."""
+"""A client counts as gone only if its silence is at least this many times its longest earlier pause."""
 
 _SMALLEST_WDT_MS = 80
 
@@ -81,7 +81,7 @@ class SessionChecker(RuleChecker):
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
         client, session = end.client, end.silent_session
-        if end.known_present or client.last_call.evicted:  # an evicted call may have ended the session
+        if end.known_present or client.last_call.evicted:  # the evicted call may have ended the session
             return
         if session is not None and end.ended_at - session.exit.time >= _SILENT_NS:
             yield _left_on(session)
@@ -272,7 +272,7 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether calls of two clients can delay each other: only over UDP to the same address."""
+    """Return whether two calls go over UDP to the same address, so that one can delay the other."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 

@@ -9,13 +9,13 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag in cycles that can be found: a quarter of a second at a cycle time of 8 ms."""
+"""Largest lag in cycles that `AxisLag` tries: a quarter of a second at a cycle time of 8 ms."""
 
 _ROWS_AT_ONCE = 256
 """Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the largest to the smallest sum of squared errors. Below it, an axis moves too little."""
+"""Minimum ratio of the largest to the smallest sum of squared errors. Below this ratio, no lag is given."""
 
 
 class AxisLag:

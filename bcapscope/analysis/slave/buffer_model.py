@@ -15,9 +15,9 @@ The model is a prediction, not an observation. It assumes:
 
 A capture does not show at which moment of a period the controller takes set points. The model assumes the
 earliest possible moment, so the real deadlines may be up to one period later. A set point that misses the
-model's deadline by at most one period counts as a possible underflow; any later one counts as a predicted
+model's deadline by at most one period counts as a possible underflow; a later set point counts as a predicted
 underflow. The model predicts an overflow only if the buffer would be full no matter when in a period the
-controller takes set points. `bcapscope.protocol.slave_mode.modes` has the sources of the numbers.
+controller takes set points. The module `bcapscope.protocol.slave_mode.modes` names the sources.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Number of buffer slots if the mode is unknown. Most modes of current controllers have three."""
+"""Number of buffer slots if the mode is unknown. Most modes of current controllers have three slots."""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -85,7 +85,7 @@ class BufferFacts:
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
         smallest_slack_ms: Smallest slack of a set point: how many ms longer the buffer would have lasted
-            without it; negative if the buffer was already empty.
+            without this set point; negative if the buffer was already empty.
         smallest_slack_frame: Frame number of the set point with the smallest slack.
         reported_underflows: Frame numbers of the first replies that report an underflow (0x84201482).
         reported_overflows: Frame numbers of the first replies that report an overflow (0x83201483).
@@ -114,8 +114,8 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return how long a full buffer lasts without a new set point, ms: one period per slot. With one slot, it
-    lasts two periods, because the controller executes the previous set point meanwhile.
+    """Return how long a full buffer lasts without a new set point, ms: one period per slot. A buffer with one
+    slot lasts two periods, because the controller meanwhile executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -141,7 +141,7 @@ class BufferBehaviour:
 
 
 class BufferModel:
-    """Predicts how many set points the buffer held when each set point arrived, in order."""
+    """Predicts how many set points the buffer held when each set point arrived."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
         self._behaviour = behaviour
@@ -166,8 +166,8 @@ class BufferModel:
         self._full_frames: list[int] = []
 
     def add(self, rows: SetPointTable, moving: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Add one or more set points. `moving` is 1 if the robot was moving before the set point, 0 if it
-        stood still, -1 if unknown. Return the slack of each set point in ns; 0 for the first set point.
+        """Add one or more set points. `moving` is 1 if the robot was moving before the set point, 0 if the
+        robot stood still, -1 if unknown. Return the slack of each set point in ns; 0 for the first set point.
         """
         if not self._last_frame:
             self._empty_at = int(rows.arrivals[0])

@@ -51,7 +51,7 @@ class CapturedTrajectory:
         robot: Handle of the robot; None if the handle is unreadable.
         start: Time of the trajectory's first request, ns since 1970.
         has_stamps: Whether the replies contain the controller's time stamps.
-        grid_ms: Period that the set points should keep, ms.
+        grid_ms: Cycle time that the client should keep, ms.
     """
 
     session_number: int
@@ -91,14 +91,14 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Extracts set points from completed calls to the list `ready`, which the caller must read and empty."""
+    """Appends the set points of completed calls to the list `ready`. The caller must empty this list."""
 
     def __init__(
         self,
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Create an extractor. `left_out` counts the set points that `is_selected` rejects, but not those of
+        """Create an extractor. `left_out` counts the set points that `is_selected` rejects, but ignores the
         clients that `is_selected_client` rejects.
         """
         self._is_selected = is_selected
@@ -122,7 +122,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_set_points(calls))
 
     def finish(self) -> None:
-        """Append the remaining set points to `ready`, at the end of the traffic."""
+        """Append the remaining set points to `ready`. Call this method when the traffic has ended."""
         self._detector.process_waiting()
 
     @property

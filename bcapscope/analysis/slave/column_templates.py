@@ -1,7 +1,8 @@
 """Read poses and time stamps from many frames in one step.
 
 The frames of a slave-mode session's set points differ only in the serial, the reserved field and the numbers
-in their arguments. So a template learned from one frame serves to copy the numbers of all similar frames.
+in their arguments. `ColumnReader` therefore learns where the numbers are in one frame, and then reads all
+similar frames together.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates for each direction of a session. Other frames are read one by one."""
+"""Maximum number of templates for each direction of a session. All other frames are read one by one."""
 
 MAX_NUMBERS = 256
-"""Maximum number of numbers in a template. A set point has about twelve."""
+"""Maximum number of numbers in a template. A set point has about twelve numbers."""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """Pose and time stamp in a frame: either their values, or their indexes among all numbers of the frame."""
@@ -57,12 +58,12 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return for each row of `data` whether it matches this template; None if all rows match."""
+        """Return, for each row of `data`, whether the row matches this template; None if all rows match."""
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy row `i` of `data`, which must match this template, to row `rows[i]` of `columns`."""
+        """Copy row `i` of `data` to row `rows[i]` of `columns`. Each row must match the template."""
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -78,8 +79,8 @@ class ColumnReader:
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
         """Create a reader for the argument with the index `argument`.
 
-        `pick` returns the argument's pose and time stamp. It must choose numbers by position, never by value:
-        to learn a template, `ColumnReader` replaces each number in the argument with its index.
+        `pick` returns the argument's pose and time stamp. To learn a template, `ColumnReader` replaces each
+        number in the argument with an index. Therefore `pick` must choose numbers by position, not by value.
         """
         self._argument = argument
         self._pick = pick
@@ -87,7 +88,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read `count` frames with complete headers, whose poses have `axes` numbers."""
+        """Read `count` frames, whose headers must be complete. A pose has `axes` numbers."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:

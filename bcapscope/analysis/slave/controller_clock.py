@@ -25,13 +25,13 @@ the geometric mean of 1 (for time stamps in ms) and 1000 (for time stamps in µs
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """Facts about the controller's clock and its time stamps, which replies have in receive format 0x010.
+    """Facts about the controller's clock and time stamps. Receive format 0x010 adds time stamps to replies.
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
         unit_known_by: How the unit is known: from a slvRecvFormat call, or from the rate of the time stamps.
-        drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
-            the time stamps cover less than a second.
+        drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None for
+            fewer than three time stamps, or if the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
             time stamps.
         step: Difference of successive time stamps, ms; None for fewer than two time stamps.
@@ -55,8 +55,8 @@ class ControllerClock:
     """Compares the controller's time stamps with the times at which the replies were captured.
 
     A time stamp is a signed 32-bit number. The client chooses the unit, ms or µs (DENSORobot/denso_robot_ros2
-    denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. As the
-    network delay is nearly constant, a line through all pairs of time stamp and capture time shows the drift.
+    denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
+    network delay is nearly constant, so the slope of capture times over time stamps shows the drift.
     """
 
     def __init__(self, microseconds: bool | None) -> None:

@@ -34,8 +34,9 @@ class ControllerState:
     """State of one controller.
 
     Attributes:
-        unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply.
-        reported_mode: Slave mode outside a known slave-mode session, and the command that showed this mode.
+        unanswered_entry: Latest slvChangeMode call that got no reply, but may have entered slave mode.
+        reported_mode: Slave mode of a session whose start was not captured, and the command that shows this
+            mode.
         position: Latest reported position; None if the robot may have moved since.
     """
 
@@ -68,7 +69,7 @@ class ControllerState:
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Add a session without set points. If there are too many, remove and return the oldest one."""
+        """Add a session without set points. If there are too many, remove and return the oldest session."""
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:
             dropped = self.pending_sessions.pop(next(iter(self.pending_sessions)))
@@ -85,7 +86,7 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return and forget `unanswered_entry`, which succeeded, as a set point has shown."""
+        """Return and reset `unanswered_entry`. A set point has shown that this call succeeded."""
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

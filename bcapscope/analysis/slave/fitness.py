@@ -12,7 +12,7 @@ SYNC_MS, ASYNC_MS = 8.0, 1.0
 """Periods of set points in Sync and Async modes (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_LOST = 0.01
-"""Largest share of lost packets that retries, in Sync modes seven, 2 ms apart, can compensate."""
+"""Largest share of lost packets that retries can compensate. Sync modes allow seven retries, 2 ms apart."""
 
 
 class Fitness(NamedTuple):
@@ -22,8 +22,8 @@ class Fitness(NamedTuple):
 
 
 def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
-    """Judge whether a connection is fast enough for set points every 8 ms and every 1 ms. The round-trip
-    times are in ms; None if no call was answered.
+    """Judge whether a connection is fast enough for set points every 8 ms and every 1 ms. `round_trips`
+    is in ms; None if no call was answered.
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:

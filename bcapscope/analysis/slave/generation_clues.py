@@ -23,7 +23,7 @@ _CONTROLLER_EXECUTE = ID["Controller_Execute"]
 
 
 class GenerationClue(NamedTuple):
-    """Evidence in the traffic for the generation of a controller; with strength 0, there is none."""
+    """Evidence in the traffic for the generation of a controller. Strength 0 means no evidence."""
 
     strength: int
     generation: Generation | None
@@ -36,7 +36,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""With a weaker clue, no rule reports that set points have the wrong number type for the generation."""
+"""A rule reports a wrong number type of set points only if the clue has at least this strength."""
 
 # Source: the samples in orin_bcap. The provider is no proof, because an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
@@ -77,7 +77,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return what a call, other than a set point, shows about the controller's generation."""
+    """Return what a call shows about the controller's generation. For set points, see `clue_of_set_point`."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

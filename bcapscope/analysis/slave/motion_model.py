@@ -1,4 +1,4 @@
-"""The motion that set points command, and the returned poses.
+"""Analyse the motion that set points command, and the poses that the controller returns.
 
 A step is the change of an axis's position from one set point to the next. A controller takes one set point
 per period, no matter when within the period it arrived. Therefore `MotionModel` computes velocity and
@@ -39,7 +39,7 @@ are rounding errors or noise.
 
 LARGEST_STEP = 180.0
 """Largest step that can be normal motion, in degrees or mm: 22,500 per second at a cycle time of 8 ms. No
-source gives a speed limit for every axis, but this is far above any limit.
+source gives a speed limit for every axis, but this speed is far above any limit.
 """
 
 _FIGURE = "Fig"
@@ -47,7 +47,7 @@ _TURN = 360.0
 
 
 class Peak(NamedTuple):
-    """The largest value, such as the highest velocity, and the number of its request frame."""
+    """The largest value of a figure, such as the velocity, and the request frame that caused this value."""
 
     value: float
     frame: int
@@ -91,7 +91,7 @@ class JumpKind(Enum):
     ISOLATED = "isolated"
     """The step is far larger than the step before it and the step after it."""
     OUTLIER = "outlier"
-    """The axis jumps to a single set point away from its path, and then jumps back."""
+    """A single set point is away from the path of the axis: the axis jumps to this point and back."""
     IMPLAUSIBLE = "implausible"
     """The step is larger than `LARGEST_STEP`."""
 
@@ -248,8 +248,8 @@ class MotionModel:
     def _start_distance(
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> _StartDistance:
-        """Return the first set point's distance from the pose in its reply, or else from the position that
-        the controller last reported before the session.
+        """Return the distance from the robot's position to the first set point. The position comes from the
+        reply to this set point, or else from the last report before the session.
         """
         first, position, axes = commanded.poses[0], self._position, len(self._axes)
         if not axes or not np.isfinite(first).all():

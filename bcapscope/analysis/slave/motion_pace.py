@@ -1,7 +1,7 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
 A cycle from one set point to the next counts only if the robot moves to both set points, because a client may
-slow down while the robot stands still. It must not follow a retried or unanswered set point.
+slow down while the robot stands still. A cycle after a retried or unanswered set point does not count.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
-"""A longer cycle is a pause."""
+"""A longer cycle counts as a pause."""
 
 PROMPT_MS = 1.0
 """If a client waits only for the reply, its next set point follows the reply within this time in ms."""
@@ -51,8 +51,8 @@ class MotionPaceModel:
         self._last_reply = np.nan
 
     def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
-        """Add set points, with the cycle time before each in ms (NaN if unknown), and with whether the robot
-        moves to each and to the previous set point.
+        """Add set points. `cycles` has the cycle time before each set point, ms; NaN if unknown. `in_motion`
+        is True if the robot moves both to this set point and to the previous set point.
         """
         # After lost packets, the time to the next set point does not show the client's pace.
         undisturbed = rows.answered & (rows.retries == 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_LISTED = 64
-"""Maximum number of entries in each list of notable set points, which are usually the first ones."""
+"""Maximum length of each list of notable set points. Most lists contain the first such set points."""
 
 
 class SetPointFact(NamedTuple):

@@ -41,7 +41,7 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples, in pairs whenever there are more than `MAX_SAMPLES`."""
+    """Summarises successive set points as samples. Beyond `MAX_SAMPLES`, pairs of samples are joined."""
 
     def __init__(self, axes: int, origin: int) -> None:
         self._axes = axes

@@ -14,7 +14,8 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 class SelectedSlaveSessions(PipelineSubscriber):
     """Finds the slave-mode sessions with set points that `is_selected` accepts. `is_selected` tests only set
-    points, because other calls may begin or end a session. If it is None, all sessions are found.
+    points, because other calls may begin or end a session. If `is_selected` is None, all sessions
+    are found.
     """
 
     def __init__(

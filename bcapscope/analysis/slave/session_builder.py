@@ -32,9 +32,9 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of the client that sends the set points; before the first set
-            point, of the client that entered slave mode.
-        entered_at: Time of the reply to `entry_call`, ns since 1970.
+        key: Conversation and robot handle of the client that sends set points. Before the first set point,
+            `key` refers to the client that entered slave mode.
+        entered_at: Time of the reply to `entry_call`, ns since 1970; without a reply, time of its request.
         error_exit: End of the session, if an error ended the session and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
         last_accepted: Time when the latest accepted set point was first sent, ns since 1970.
@@ -83,7 +83,7 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the last set point, of its reply, or `entered_at`, ns since 1970; 0 if there is none."""
+        """Latest time of a set point, of a reply or of `entered_at`, ns since 1970; 0 if unknown."""
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
 
@@ -95,13 +95,13 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process and empty `batch`. Only the first set points of a session need `slave_setup`."""
+        """Process and empty `batch`. Only the first batch of a session uses `slave_setup`."""
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a builder that has processed `batch`. Leave this builder unchanged."""
+        """Return a builder that has processed `batch`. This builder stays unchanged."""
         if not self.batch:
             return self
         processed = copy.copy(self)
@@ -131,7 +131,7 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the facts, without the set points in `batch`."""
+        """Return the facts about the processed set points. The set points in `batch` are left out."""
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
@@ -165,7 +165,7 @@ class SlaveSessionBuilder:
 
 
 class SetPointChunk(NamedTuple):
-    """Successive set points of one slave-mode session, including refused ones, that `models` has processed.
+    """Successive set points of one slave-mode session, accepted or refused, after `models` processed them.
 
     Attributes:
         returned: Poses and time stamps in the replies; the poses have the same type as in the requests.

@@ -50,13 +50,13 @@ No source states this value. bcapscope assumes that the robot brakes for at most
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""`SlaveSession.other_calls` includes calls this long before and after the session, ns."""
+"""`SlaveSession.other_calls` includes calls up to `BEFORE_NS` before and `AFTER_NS` after a session."""
 
 MAX_SESSIONS = 64
-"""Maximum number of open sessions. If there are more, the session that was silent longest ends."""
+"""Maximum number of open sessions. A further session ends the session that was silent longest."""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended sessions that are held back. If there are more, the oldest is returned."""
+"""Maximum number of ended sessions that are held back. If there are more, the oldest session is returned."""
 
 MAX_CONTROLLERS = 64
 
@@ -101,7 +101,7 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add successive alike set points of one client (see `AlikeSetPoints`), as `add_call` does."""
+        """Add a series of set points of one client (see `AlikeSetPoints`); return the same as `add_call`."""
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
@@ -346,7 +346,7 @@ def _call_end(call: Call) -> int:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return how a session ended. If its set points do not show this, search the other recent calls."""
+    """Return how a session ended. If the set points do not show the cause, search the other recent calls."""
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_

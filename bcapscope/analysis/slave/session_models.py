@@ -36,7 +36,7 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 
 MAX_CODES = 256
-"""Maximum number of refusal codes that a session counts separately. Further codes count as code 0."""
+"""Maximum number of refusal codes that a session counts separately. All further codes count as code 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -50,7 +50,7 @@ _TINY_STEP = 0.02
 
 
 class SlaveSetup(NamedTuple):
-    """Facts that are known before the first set point. The command `known_by` shows `mode_value`."""
+    """What is known about a session before its first set point. The command `known_by` shows `mode_value`."""
 
     mode_value: int | None
     known_by: str
@@ -158,7 +158,7 @@ class SessionModels:
         return ((), 0) if self._slicer is None else self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Return how many uncaptured attempts precede each set point, as skipped serials show."""
+        """Return how many attempts before each set point were not captured, according to skipped serials."""
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))
@@ -170,10 +170,10 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """For each set point, return 1 if the robot moves to it, 0 if it stands still, and -1 if unknown. The
-        result begins with the last set point of the previous batch.
+        """Return 1 for a set point to which the robot moves, 0 if the robot stands still, and -1 if unknown.
+        The result begins with the last set point of the previous batch.
 
-        A tiny step does not count, because a smooth motion ends with tiny steps.
+        A tiny step counts as standstill, because a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)

@@ -70,7 +70,7 @@ class SessionSlicer:
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
-        """Return the slices with set points, and how many further ones were left off."""
+        """Return the first slices that have set points, and the number of further slices."""
         latest = [] if self._open is None else [self._slice(self._open)]
         slices = (*self._finished, *latest)
         return slices[:MAX_SLICES], self._left_off + len(slices[MAX_SLICES:])

@@ -17,8 +17,8 @@ LARGE_FRAME = 2048
 """A frame with more bytes than this is stored separately. A set point has about a tenth of this size."""
 
 LATEST_TIME = (1 << 62) - 1
-"""Latest time that can be stored, in ns since 1970: in the year 2116. So the difference between any two times
-fits into 64 bits. Only a damaged capture contains later times, which are stored as `LATEST_TIME`.
+"""Latest time that can be stored, in ns since 1970: in the year 2116. With this limit, the difference of any
+two times fits into 64 bits. Only a damaged capture contains later times, which are stored as `LATEST_TIME`.
 """
 
 _SERIAL = slice(5, 7)
@@ -89,8 +89,8 @@ class SetPointBatch:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
             frame of unusual size.
-        other_attempts: For indexes of set points, the number of attempts of other calls that the client sent
-            since the previous set point.
+        other_attempts: For the index of a set point, the number of attempts of other calls that the client
+            sent after the previous set point. Indexes without such attempts are missing.
     """
 
     def __init__(self) -> None:

@@ -23,10 +23,10 @@ class SetPointTable:
 
     Attributes:
         origin: Time from which all times in the table are counted, in ns since 1970.
-        arrivals: Times of the attempts that were answered; without a captured reply, same as in `times`.
-        replies: Times of the accepted replies; without a captured reply, same as in `times`.
-        open: For each set point without a captured reply, whether it may have been answered: the capture
-            ended before the reply, or the call was evicted from memory.
+        arrivals: Time of each answered attempt. Without a captured reply, the time is that in `times`.
+        replies: Time of each accepted reply. Without a captured reply, the time is that in `times`.
+        open: Whether a set point without a captured reply may have been answered: the capture ended before
+            the reply, or the call was evicted from memory.
         codes: HRESULT of each reply; 0 if no reply was captured.
         reply_frames: Frame number of each accepted reply; 0 if no reply was captured.
         irregular: Index and call of each irregular set point (see `SetPointBatch`).
@@ -67,7 +67,7 @@ class SetPointTable:
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the set points of a batch that is not empty, with times relative to `origin`."""
+    """Return the set points of a batch, with times relative to `origin`. The batch must not be empty."""
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

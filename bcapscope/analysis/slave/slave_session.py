@@ -1,7 +1,7 @@
 """Facts about one slave-mode session.
 
-Times are in ns since 1970-01-01 UTC. Durations are in ms. Frames are given by their observation numbers. If a
-list could grow long, it has only the first few entries, and a separate field has their total number.
+Times are in ns since 1970-01-01 UTC. Durations are in ms. Frames are given by their observation numbers. Long
+lists are cut off; in most cases, a separate field has the total number of entries.
 """
 
 from __future__ import annotations
@@ -175,14 +175,15 @@ class SlaveSession:
 
     Attributes:
         number: Number of the slave-mode session in the order of start times, counted from 1.
-        robot: Handle of the robot; None if no captured frame shows it.
+        robot: Handle of the robot; None if the handle is not readable.
         mode: Slave mode, and how it is known.
         buffer: Estimated level of the controller's buffer.
         refused_set_points: First set points that the controller refused.
         slices_left_off: Number of slices that are missing from `slices`, because there were too many.
         samples: Set points for charts; each can stand for several neighbouring set points.
         entry_call: The slvChangeMode call that began the session; None if it was not captured.
-        entered_at: Time of the reply to `entry_call`; without such a reply, time of the first set point.
+        entered_at: Time of the reply to `entry_call`, or else of its request. Without `entry_call`, time of
+            the first set point.
         send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
         pace: Pace of the set points while the robot moves; None if the capture shows no motion.

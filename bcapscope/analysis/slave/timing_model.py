@@ -22,7 +22,7 @@ FAST_GRID_MS = 1
 """Recommended period in ms for modes in which a new set point replaces the waiting one (DENSO Wave 2009)."""
 
 FAST_BELOW_MS = 3.0
-"""In modes without a fixed period, a session with a shorter median cycle time has a period of 1 ms, not 8."""
+"""In modes without a fixed period, a median cycle time below this number of ms shows a period of 1 ms."""
 
 MAX_SLOWEST = 16
 _ON_GRID = 0.1
@@ -101,7 +101,7 @@ def _ros_deadline(case: str, timeout_ms: float) -> Deadline:
 _SYNC = Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry"))
 _ASYNC = Message("timeout.async", timeout=Quantity(2, "ms"))
 
-# Time-outs for slvMove, the modes to which each applies, and whether it applies only to UDP.
+# Each row has a time-out for slvMove, the modes that use this time-out, and whether only UDP uses it.
 RECOMMENDED_TIMEOUTS: tuple[tuple[Deadline, tuple[ModeKind, ...], bool], ...] = (
     (_deadline(_SYNC, 2.0, 8, _GUIDE), (ModeKind.SYNC,), True),
     (_deadline(_ASYNC, 2.0, 1, _GUIDE), (ModeKind.ASYNC, ModeKind.MODE_1), True),
@@ -118,7 +118,7 @@ class CycleGrid(NamedTuple):
 
 
 def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
-    """Choose the cycle time that a client should keep, from the first cycle times of a session, ms.
+    """Choose the cycle time that a client should keep. `cycles` has the first cycle times of the session, ms.
     `overwrites` is None if the mode is unknown.
     """
     pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)

@@ -37,7 +37,7 @@ OTHER_KINDS = CallKind(0, None)
 """Stands for all call kinds that are not counted separately. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Stands for the clients of all pairs beyond 2 * `MAX_KINDS`."""
+"""Stands for the client of each new pair after 2 * `MAX_KINDS` pairs of client and call kind."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -81,7 +81,7 @@ class CallFigures:
 
 @dataclass(frozen=True, slots=True)
 class StatisticsRow:
-    """Figures of the calls of one client and kind; None for all clients, or all kinds."""
+    """Figures of calls. `conversation` is None for all clients; `call_kind` is None for all kinds."""
 
     conversation: Conversation | None
     call_kind: CallKind | None
@@ -269,7 +269,7 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Computes the statistics of calls for each slice of time, by the times at which the calls started.
+    """Computes the statistics of calls for each slice of time. The start of a call determines its slice.
 
     Captures are not always read in chronological order. If the start times of the calls jump back by more
     than `GRACE_NS`, `add_call` returns all unfinished slices. If a call starts in a slice that was already

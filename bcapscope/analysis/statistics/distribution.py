@@ -14,7 +14,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""A histogram with more values counts them in bins, instead of keeping them exactly."""
+"""A histogram with more values than this counts the values in bins, and so is less exact."""
 
 _PER_OCTAVE = 128
 """Number of bins per power of two: each value differs from the middle of its bin by less than 0.4 %."""
