@@ -54,6 +54,8 @@ def reported_finding(
     totals: TrafficTotals,
     find_frame: Callable[[int], tuple[str, int] | None] | None,
 ) -> ReportedFinding:
-    """Return a finding that can show its texts. Without `find_frame`, the texts show only frame numbers."""
+    """Return a finding for users of the package. If `find_frame` is None, the text of the finding has only
+    frame numbers.
+    """
     values = {each.name: getattr(finding, each.name) for each in fields(Finding)}
     return ReportedFinding(**values, number=number, totals=totals, _find_frame=find_frame)

@@ -140,8 +140,8 @@ def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
 
 def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client. A capture nearer to the client
-    sees requests earlier and replies later. The clocks may differ, so only the difference between the request
-    offset and the reply offset counts.
+    sees requests earlier and replies later. A difference of the clocks shifts `request_offset` and
+    `reply_offset` equally, so the comparison of the two offsets cancels it.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True

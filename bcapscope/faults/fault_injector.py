@@ -329,7 +329,9 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay. If faults delay only copies, drop only these copies."""
+    """Drop a datagram that faults would delay, because too many datagrams wait. Keep a datagram that is not
+    delayed, but drop its delayed copies.
+    """
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

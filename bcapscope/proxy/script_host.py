@@ -78,7 +78,7 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
     # Flush each line, so that text printed before a kill is not lost.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr] # no script replaced it yet
+            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr] # `stream` is still the original
 
 
 def _limit_memory(size: int) -> None:

@@ -173,7 +173,7 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
     )
     for function_id in (17, 28, 64, 87)
 }
-"""Names in lower case of the commands that slave mode refuses, by id of the ..._Execute function."""
+"""Names in lower case of the commands that slave mode refuses, for each id of an ..._Execute function."""
 
 
 def parse_options(text: str) -> dict[str, str]:

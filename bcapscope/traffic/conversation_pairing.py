@@ -292,7 +292,7 @@ class ConversationPairing:
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
         """Add a request to the call `prior` if the request belongs to `prior`; return True if so. The request
-        may be a copy of an attempt, or the first attempt, which a retry overtook.
+        may be a copy of an attempt, or a first attempt that a retry overtook.
         """
         if self._is_tcp:
             return False

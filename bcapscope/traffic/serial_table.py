@@ -63,7 +63,10 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest queued call, or its number if it is complete. Remove it if `is_answered`."""
+        """Return the oldest call that used this serial. For a complete call, return only the call number.
+
+        If `is_answered`, remove the call.
+        """
         queue = self.reused[serial]
         oldest = queue[0]
         if is_answered:

@@ -1,5 +1,4 @@
-"""Model of the controller's buffer: how many set points the buffer should have held when each set point
-arrived.
+"""Model of the controller's buffer: how many set points the buffer held at the arrival of each set point.
 
 The model is a prediction, not an observation. It assumes:
 

@@ -16,8 +16,8 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For a template in which one argument has numbers: the values before this argument, the function that fills
-the argument, its value, and the values after this argument.
+"""How to fill a template that replaces the numbers of only one argument: the arguments before this argument,
+the function that replaces the numbers, this argument, and the arguments after this argument.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
