@@ -197,7 +197,7 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, at most `CLOSE_TIMEOUT`. A new thread writes later lines."""
+        """Wait until all lines are written, at most `CLOSE_TIMEOUT`. The next line starts a new thread."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:

@@ -35,8 +35,9 @@ _OWN_MEMBERS = {
     "latency_ms": JSON_PLACE,
     "rtt_ms": JSON_PLACE,
 }
-"""JSON members that differ between calls of one kind, if each call has one request and one reply. All these
-calls share one template: the JSON text of a call, with placeholders for these members."""
+"""JSON members that have a placeholder in the template of a call. All calls of one kind with one request and one
+reply share a template, because their JSON differs only in these members.
+"""
 
 
 class CallRecordRenderer:

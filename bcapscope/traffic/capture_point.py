@@ -25,7 +25,7 @@ LONGEST_ROUND_TRIP_NS = 100_000_000
 """Longest assumed round trip in ns from the capture point to the client. Factory networks take milliseconds.
 """
 
-_REACTIONS = 3  # minimum number of a client's reaction times; one short time can be a coincidence
+_REACTIONS = 3  # needed to estimate the round trip; a single short reaction can be a coincidence
 _MARGIN = 2  # a round trip may take this many times as long as the shortest round trips
 
 

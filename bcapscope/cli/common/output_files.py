@@ -17,7 +17,9 @@ force_option = click.option("--force", is_flag=True, help="Overwrite existing fi
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Raise FileWriteError if `path` may not be written. `overwrite` is None without an option `--force`."""
+    """Raise FileWriteError if `path` may not be written. `overwrite` is None for a command that
+    has no option `--force`.
+    """
     is_there = os.path.exists(path)  # `Path.exists` would raise an exception for a name that is too long
     if is_there and not path.is_file():
         raise FileWriteError(path, Message("file.not-regular"))

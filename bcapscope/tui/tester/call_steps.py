@@ -67,8 +67,9 @@ class ObjectMissingError(BcapError):
 def function_step(
     function: Function, values: tuple[Variant, ...], subject: ObjectHandle | None = None
 ) -> CallStep:
-    """Return a step that calls a function with `values`, the arguments without the handle. The step adds the
-    handle of `subject`. If `subject` is None, the step uses the selected object of the function's class.
+    """Return a step that calls a function with `values`, the arguments without the handle. The step puts
+    the handle of `subject` before `values`. If `subject` is None, the step uses the selected object of the
+    function's class.
     """
 
     async def step(session: ControllerSession) -> HistoryRecord:
