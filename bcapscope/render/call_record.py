@@ -35,8 +35,8 @@ _OWN_MEMBERS = {
     "latency_ms": JSON_PLACE,
     "rtt_ms": JSON_PLACE,
 }
-"""JSON members that have a placeholder in the template of a call. All calls of one kind with one request and one
-reply share a template, because their JSON differs only in these members.
+"""JSON members that have a placeholder in the template of a call. All calls of one kind with one request and
+one reply share a template, because their JSON differs only in these members.
 """
 
 
