@@ -266,10 +266,14 @@ class ScriptQueue:
         self._size += waiting.size
         self._count(waiting, 1)
 
-    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision]:
+    def _dequeue(self) -> PendingOrder:
         waiting = self._queue.popleft()
         self._size -= waiting.size
         self._count(waiting, -1)
+        return waiting
+
+    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision]:
+        waiting = self._dequeue()
         self._head_since = now - self._relay_delay
         self._was_late = False
         self._has_open_calls = answer.has_open_calls
@@ -292,11 +296,8 @@ class ScriptQueue:
                 del self._counts[client], self._sizes[client]
 
     def _flush_undecided(self) -> Iterator[ScriptDecision]:
-        self._counts.clear()
-        self._sizes.clear()
-        self._size = self._waiting_size = 0
         while self._queue:
-            undecided = self._queue.popleft().undecided
+            undecided = self._dequeue().undecided
             if undecided is not None:
                 yield undecided, None
 

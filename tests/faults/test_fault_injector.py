@@ -15,6 +15,7 @@ from bcapscope.faults.wire_message import FaultResult, SendBytes
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_FAIL, S_EXECUTING
 from bcapscope.traffic.observation import Endpoint, Transport
+from tests.english import english
 from tests.faults.traffic import (
     MS,
     Talk,
@@ -180,6 +181,12 @@ def test_corruption_turns_bits_over_where_it_is_told() -> None:
     different = [index for index, (one, other) in enumerate(zip(found, raw, strict=True)) if one != other]
     assert different == [5]
     assert (found[5] ^ raw[5]).bit_count() == 1
+
+
+@pytest.mark.parametrize(("size", "some"), [(4, "0, 1, 2, 3"), (5, "0, 1, 2, 3, …")])
+def test_a_note_names_the_first_four_corrupted_bytes(size: int, some: str) -> None:
+    (note,) = shaper("corrupt=1000").process_message(talk().up, bytes(size), 0).fault_notes
+    assert english(note) == f"corrupt: corrupted at byte {some}"
 
 
 def test_a_message_is_cut() -> None:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import errno
 import os
 import socket
+from contextlib import suppress
 
 import pytest
 
-from bcapscope.proxy.listener_spec import parse_listener_specs
+from bcapscope.proxy.listener_spec import ListenerSpec, parse_listener_specs
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingWriter
 from bcapscope.proxy.sockets import ProxyListenError, UnreachableError
+from bcapscope.proxy.udp_listener import UdpListener
 from bcapscope.traffic.observation import Endpoint
 from tests.proxy.relaying import listening, port_of
 
@@ -31,6 +33,23 @@ def test_a_free_port_is_free_on_both() -> None:
     address, count = opened("127.0.0.1:0")
     assert address.port
     assert count == 2
+
+
+def test_a_port_that_is_free_on_one_transport_alone_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        tried: list[int] = []
+
+        def open_udp(relay: Relay, spec: ListenerSpec, forget_after: int) -> UdpListener:
+            tried.append(spec.listen.port)
+            if len(tried) == 1:
+                with suppress(OSError):  # another program has it already
+                    taken.bind(("127.0.0.1", spec.listen.port))
+            return UdpListener(relay, spec, forget_after)
+
+        monkeypatch.setattr("bcapscope.proxy.listeners.UdpListener", open_udp)
+        address, count = opened("127.0.0.1:0")
+    assert count == 2
+    assert address.port != tried[0]
 
 
 def test_ipv6() -> None:

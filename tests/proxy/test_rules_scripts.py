@@ -258,6 +258,14 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     ]
 
 
+def test_a_script_that_is_switched_off_lets_streams_be_read_on() -> None:
+    made, _, _ = switched_off(request(1), transport=Transport.TCP)
+    while not made.is_full(1):
+        made.receive(1, UP, request(1, "CurJnt") * 100, 0)
+    made.pop_due_actions(100 * MS)
+    assert not made.is_full(1)
+
+
 def test_an_empty_datagram_passes_without_its_script() -> None:
     made, _, _ = switched_off(request(1))
     made.pop_due_actions(100 * MS)

@@ -77,12 +77,8 @@ def frame_fields(
     """
     if is_request:
         function_id, command = frame.code, command_name(frame.code, frame.variants)
-    hidden = _envelope_problems(frame)
-    return tuple(
-        _FieldBuilder(frame, [each for each in frame.problems if each not in hidden]).all_fields(
-            is_request, function_id, command
-        )
-    )
+    problems = [each for each in frame.problems if not _is_in_envelope(each, frame)]
+    return tuple(_FieldBuilder(frame, problems).all_fields(is_request, function_id, command))
 
 
 def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
@@ -94,8 +90,10 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
     if frame.framing is not Framing.VERSION_1_ZLIB:
         return ()
     raw = frame.raw
-    head = [each for each in frame.problems if each.code in ("soh", "length")]
-    walk = _FieldBuilder(frame, head + _envelope_problems(frame), raw)
+    problems = [
+        each for each in frame.problems if each.code in ("soh", "length") or _is_in_envelope(each, frame)
+    ]
+    walk = _FieldBuilder(frame, problems, raw)
     end = len(raw) - 2
     return (
         *walk.header_fields(),
@@ -106,15 +104,11 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
     )
 
 
-def _envelope_problems(frame: Frame) -> list[Problem]:
-    """Return the problems whose offsets refer to `Frame.raw`; empty if the frame is not compressed."""
-    if frame.reserved != 1 or frame.framing is not Framing.VERSION_1_ZLIB:
-        return []
-    return [
-        each
-        for each in frame.problems
-        if 9 <= each.offset < HEADER_SIZE and each is not frame.external_problem
-    ]
+def _is_in_envelope(problem: Problem, frame: Frame) -> bool:
+    """Return whether the offset of a problem refers to `Frame.raw`. Only the compressed bytes of a frame have
+    problems from offset 9 to the end of the header.
+    """
+    return 9 <= problem.offset < HEADER_SIZE and problem is not frame.external_problem
 
 
 class _FieldBuilder:

@@ -18,6 +18,7 @@ from bcapscope.protocol.codec.frame import (
     Malformed,
     Problem,
     encode_frame,
+    parse_captured_datagram,
     parse_datagram,
     parse_single_frame,
 )
@@ -135,6 +136,13 @@ def test_bytes_behind_a_sound_frame_are_an_item_of_their_own() -> None:
     frame, rest = parse_datagram(FRAMES[0].data + b"\xee\xee")
     assert frame == Frame(FRAMES[0].data)
     assert rest == Malformed(b"\xee\xee", (Problem(0, "soh", Message("problem.soh", byte="EE")),))
+
+
+def test_each_item_of_a_captured_datagram_is_there_once_and_only_the_first_has_the_problem() -> None:
+    first, second = PLAIN[0].data, PLAIN[1].data
+    items = parse_captured_datagram(first + second + b"\xee")
+    assert [item.raw for item in items] == [first, second, b"\xee"]
+    assert [[problem.code for problem in item.problems] for item in items] == [["length"], [], ["soh"]]
 
 
 def test_a_datagram_that_begins_otherwise_is_no_frame_whatever_follows() -> None:

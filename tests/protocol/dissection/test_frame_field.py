@@ -237,9 +237,11 @@ def test_bytes_behind_a_broken_value_are_unread() -> None:
     assert names(argument.children[-2:]) == [("data", 25, 33), (UNREAD, 33, 39)]
 
 
-def test_note_about_the_capture_stands_where_the_bytes_end() -> None:
-    frame = Frame(encode_frame(5, 0, 64), problem_of(99, "snapped", "the capture kept only its beginning"))
-    assert frame_fields(frame, is_request=True)[-1].problems == (frame.external_problem,)
+@pytest.mark.parametrize(("offset", "name"), [(10, "function id"), (16, "EOT"), (99, "EOT")])
+def test_note_about_the_capture_stands_where_it_points_or_where_the_bytes_end(offset: int, name: str) -> None:
+    note = problem_of(offset, "snapped", "the capture kept only its beginning")
+    found = frame_fields(Frame(encode_frame(5, 0, 64), note), is_request=True)
+    assert [(each.name, each.problems) for each in found if each.problems] == [(name, (note,))]
 
 
 def test_elements_are_made_when_looked_at() -> None:
