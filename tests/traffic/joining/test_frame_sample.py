@@ -25,3 +25,11 @@ def test_a_frame_is_the_same_only_near_the_offset_of_the_others(deviation: int, 
     later[-1] += deviation
     found = find_shared(sample(times), sample(later))
     assert [each.offset for each in found] == ([60_000 * MS] if shared else [])
+
+
+def test_frames_that_occur_again_count_too() -> None:
+    made, client = FrameSample(), Script().client()
+    for ms in range(3):
+        made.add(client.ask(ms, 1, 0, MOVE))
+    assert made.count == 3
+    assert [len(frames) for frames in made.frames.values()] == [1]
