@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Any
 
 import msgspec
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from bcapscope.faults.document import (
     DocumentError,
+    FieldError,
     RuleFile,
     convert_data,
     fault_from,
@@ -20,6 +22,7 @@ from bcapscope.faults.document import (
 from bcapscope.faults.fault_kinds import ACTIONS, AnswerFault, AnyFault, DelayFault, DropFault, RewriteFault
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition, HresultQuantity, Share, Span
+from bcapscope.messages import Message
 from bcapscope.traffic.observation import Direction
 from tests.faults.test_fault_notation import TABLE
 
@@ -109,6 +112,31 @@ def test_a_rule_file_is_read() -> None:
 def test_errors_name_line_and_field(text: str, error: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read_document(text, RuleFile)
+    assert str(caught.value).startswith(error)
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """Two fields that must fit each other."""
+
+    low: int
+    high: int
+
+    def __post_init__(self) -> None:
+        if self.low > self.high:
+            raise FieldError(("low",), Message("scenario.above-high"))
+
+
+@pytest.mark.parametrize(
+    ("data", "kind", "error"),
+    [
+        ({"action": "rewrite", "set": {"arg": 1}}, AnyFault, "'arg' is not an argument"),
+        ({"action": "delay"}, AnyFault, "time is missing"),
+        ({"low": 2, "high": 1}, Limits, "low: "),
+    ],
+)
+def test_errors_in_data_without_text_name_no_line(data: object, kind: Any, error: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        convert_data(data, kind)
     assert str(caught.value).startswith(error)
 
 

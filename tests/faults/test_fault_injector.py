@@ -244,6 +244,15 @@ def test_replies_to_a_client_that_comes_again_answer_no_earlier_request() -> Non
         assert passes(machine, flows.down, reply(5)) is is_closed
 
 
+def test_values_of_a_client_that_comes_again_are_no_step_from_its_earlier_values() -> None:
+    for is_closed in (False, True):
+        flows, machine = talk(), shaper("rewrite step arg[2][0]=1")
+        assert passes(machine, flows.up, request(5, values=(0.0, 0.0)))
+        if is_closed:
+            machine.close_conversation(flows.up.conversation)
+        assert passes(machine, flows.up, request(6, values=(50.0, 0.0))) is is_closed
+
+
 def test_attempts_of_a_client_that_comes_again_are_counted_anew() -> None:
     for is_closed in (False, True):
         flows, machine = talk(), shaper("drop try 3")

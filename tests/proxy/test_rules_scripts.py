@@ -51,6 +51,7 @@ def test_scripts_change_drop_and_answer() -> None:
     assert (answer.serial, answer.code) == (2, E_FAIL)
     changed = decided(UP, request(3))
     assert (english(changed.note), changed.actions) == ("addon: changed", [SendAction(1, UP, request(33))])
+    assert made.report() == []
     unchanged = decided(UP, request(4))
     assert (english(unchanged.note), unchanged.actions) == ("", [SendAction(1, UP, request(4))])
     decided(UP, request(5, "CurJnt"))
@@ -370,6 +371,19 @@ def test_what_a_client_that_has_gone_left_takes_no_room() -> None:
     assert made.receive(2, UP, request(1), 0).waiting
     here.answer(made, 0)
     assert sent(made.pop_due_actions(0)) == request(1)
+
+
+def test_the_room_of_a_client_that_has_gone_is_not_given_twice() -> None:
+    raw = encode_frame(1, 0, ID["Robot_Execute"], (Variant.array(VT.UI1, bytes(60_000)),))
+    most = MAX_BYTES_IN_ALL // len(raw) + 1
+    made = rules(scripts=Here(Looker()), clients=most + 2)
+    made.receive(1, UP, raw, 0)
+    made.remove_client(1, 0)
+    fullness = []
+    for client in range(2, most + 2):
+        made.receive(client, UP, raw, 0)
+        fullness.append(made.is_full(most + 2))
+    assert fullness == [False] * (most - 1) + [True]
 
 
 def test_a_relay_that_stood_still_does_not_blame_the_script() -> None:

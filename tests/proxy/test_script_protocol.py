@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from bcapscope.proxy.script_protocol import (
+    LARGEST_FRAME_SIZE,
     LONGEST_SENTENCE,
     MAX_SENTENCES,
     ClientGone,
@@ -56,6 +57,14 @@ def test_an_answer_at_its_bounds_is_read(answer: ScriptAnswer) -> None:
 def test_an_answer_beyond_its_bounds_is_refused(answer: ScriptAnswer) -> None:
     with pytest.raises(WireError):
         unpacked(answer)
+
+
+@pytest.mark.parametrize("size", [0, LARGEST_FRAME_SIZE + 1])
+def test_an_impossible_size_is_refused_before_more_bytes_arrive(size: int) -> None:
+    unpacker: FrameUnpacker[object] = FrameUnpacker(ScriptStatement)
+    unpacker.feed_bytes(size.to_bytes(4, "little"))
+    with pytest.raises(WireError):
+        unpacker.next_frame()
 
 
 def test_messages_arrive_one_by_one_however_their_bytes_are_cut() -> None:

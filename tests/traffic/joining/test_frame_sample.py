@@ -41,3 +41,11 @@ def test_captures_whose_times_do_not_overlap_must_share_most_of_many_frames(
     later = [time + 60_000 * MS for time in times]
     (found,) = find_shared(sample(times), sample(later, unshared=frames - shared))
     assert found.is_sure is is_sure
+
+
+def test_frames_that_occur_again_count_too() -> None:
+    made, client = FrameSample(), Script().client()
+    for ms in range(3):
+        made.add(client.ask(ms, 1, 0, MOVE))
+    assert made.count == 3
+    assert [len(frames) for frames in made.frames.values()] == [1]

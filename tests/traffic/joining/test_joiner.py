@@ -110,7 +110,7 @@ def test_a_reply_that_the_proxy_delays_is_late_not_lost() -> None:
     assert call.reply is None  # the client waits for 8 ms only
     for reply in call.late_replies:
         assert isinstance(reply, JoinedObservation)
-        assert reply.delay == 30 * MS
+        assert reply.delay == reply.held_by_proxy == 30 * MS
     assert len(call.late_replies) == 2
 
 
@@ -244,6 +244,14 @@ def test_a_conversation_without_twin_is_held_for_two_calls_only() -> None:
         due.append(len(joiner.add(client.reply(8 * serial + 1, serial))))
     assert due == [0, 0, 0, 4, 1, 1]
     assert client.flows[next(iter(client.flows))] in joiner.passing
+
+
+def test_copies_of_a_reply_are_one_call_in_the_hold_of_a_new_conversation() -> None:
+    client, joiner = Script().client(), Joiner()
+    seen = [client.ask(0, 1, 0, MOVE), *(client.reply(ms, 1) for ms in (1, 2, 3))]
+    assert [each for frame in seen for each in joiner.add(frame)] == []
+    joiner.add(client.ask(8, 2, 0, MOVE))
+    assert len(joiner.add(client.reply(9, 2))) == 6
 
 
 def test_silence_ends_the_hold() -> None:
