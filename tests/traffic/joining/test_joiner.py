@@ -313,6 +313,18 @@ def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same
     assert (calls[0].duplicates, calls[0].captured_again) == ((), ())
 
 
+def test_a_client_is_joined_although_the_proxy_answers_its_first_call_and_the_answer_comes_twice() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.near.ask(0, 1, 0, START_SERVICE)
+    for ms in (1, 1.1):
+        client.near.reply(ms, 1)
+    client.calls(8, 20, MOVE, 2)
+    calls = script.calls()
+    assert len(calls) == 21
+    assert [isinstance(call.request, JoinedObservation) for call in calls[1:]] == [True] * 20
+
+
 @pytest.mark.parametrize("place", CapturePlace)
 def test_a_direct_client_that_resembles_a_proxied_one_is_not_hidden(place: CapturePlace) -> None:
     script = ProxiedScript()
