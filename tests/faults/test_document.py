@@ -6,11 +6,13 @@ from contextlib import suppress
 
 import msgspec
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.faults.document import (
     DocumentError,
+    FieldError,
     RuleFile,
     convert_data,
     fault_from,
@@ -20,6 +22,7 @@ from bcapscope.faults.document import (
 from bcapscope.faults.fault_kinds import ACTIONS, AnswerFault, AnyFault, DelayFault, DropFault, RewriteFault
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition, HresultQuantity, Share, Span
+from bcapscope.messages.message import foreign_text
 from bcapscope.traffic.observation import Direction
 from tests.faults.test_fault_notation import TABLE
 
@@ -110,6 +113,33 @@ def test_errors_name_line_and_field(text: str, error: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read_document(text, RuleFile)
     assert str(caught.value).startswith(error)
+
+
+class Period(msgspec.Struct, frozen=True):
+    """Data whose fields can contradict each other."""
+
+    first: int
+    last: int
+
+    def __post_init__(self) -> None:
+        if self.last < self.first:
+            raise FieldError(("last",), foreign_text("ends too early"))
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("first: 2\nlast: 1\n", "last: ends too early"),
+        ("first: 2\nlast: x\n", "last: Expected int, got str"),
+    ],
+)
+def test_an_error_names_a_line_only_in_a_document(text: str, error: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read_document(text, Period)
+    assert str(caught.value) == f"line 2: {error}"
+    with pytest.raises(DocumentError) as caught:
+        convert_data(yaml.safe_load(text), Period)
+    assert str(caught.value) == error
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -247,6 +247,15 @@ def test_attempts_of_a_client_that_comes_again_are_counted_anew() -> None:
         assert passes(machine, flows.up, request(7, reserved=6)) is is_closed
 
 
+def test_a_step_is_limited_only_until_the_client_leaves() -> None:
+    for is_closed in (False, True):
+        flows, machine = talk(), shaper("rewrite step arg[2]=0.5")
+        assert passes(machine, flows.up, request(5))
+        if is_closed:
+            machine.close_conversation(flows.up.conversation)
+        assert passes(machine, flows.up, request(6, values=(9.0, 9.0, 9.0))) is is_closed
+
+
 def test_messages_are_counted_from_one() -> None:
     left = through(shaper("drop if frame == 1", "drop if frame == 3"), talk(), *range(1, 6))
     assert [Frame(raw).serial for raw in left] == [2, 4, 5]
