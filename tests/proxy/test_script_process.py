@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import resource
 import select
 import signal
 import sys
@@ -101,6 +103,17 @@ def test_a_script_that_is_loaded_has_nothing_more_to_say(tmp_path: Path) -> None
 def test_a_script_that_cannot_be_used_says_why(tmp_path: Path) -> None:
     with started(tmp_path, "1 / 0") as (process, _), pytest.raises(BcapError, match="ZeroDivisionError"):
         process.load(PATIENCE)
+
+
+def test_a_process_that_the_system_cannot_start_is_reported_in_words(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        with pytest.raises(BcapError) as caught:
+            ScriptProcess([str(tmp_path / "mine.py")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert str(caught.value) == f"mine.py: cannot start a process: {os.strerror(errno.EMFILE)}"
 
 
 def test_a_process_that_reads_nothing_is_written_to_later(

@@ -176,7 +176,12 @@ def _left_on(session: SlaveSession) -> Occurrence:
         command = WireText(end.by.command or function_name(end.by.function_id))
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
     clause = Message("clause.quit-in-slave-mode", mode=name)
-    frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
+    last, entry = session.last_set_point, session.entry_call
+    frames = end.frames
+    if not frames and last is not None:
+        frames = (last.frame,)
+    elif not frames and entry is not None:
+        frames = (entry.request_frame,)
     where, impact = session.conversation, RobotImpact.STOPPED
     return Occurrence("quit-in-slave-mode", end.time, end.time, where, frames, fact, clause, impact=impact)
 

@@ -82,6 +82,13 @@ def test_retry_of_a_lost_call_is_new_once_the_client_is_known() -> None:
     assert _play(Responder(), (1, 1, 0), *ambiguous) == "NEW NEW NEW"
 
 
+def test_a_program_that_starts_the_service_is_not_known_from_an_earlier_program() -> None:
+    responder = _responder_for(ReservedConvention.SEED)
+    assert responder.receive_request(Frame(encode_frame(1, 0, 1, ()))).kind is NEW  # Service_Start
+    responder.answer_call(S_OK)
+    assert _play(responder, (5, 0, 0), (7, 6, 0)) == "NEW REPEAT"
+
+
 def test_the_kept_answer_goes_out_under_the_serial_of_the_retry() -> None:
     responder = Responder()
     value = Variant(VT.R8, 1.5)
