@@ -82,6 +82,19 @@ def test_retry_of_a_lost_call_is_new_once_the_client_is_known() -> None:
     assert _play(Responder(), (1, 1, 0), *ambiguous) == "NEW NEW NEW"
 
 
+def test_a_program_that_starts_is_not_held_to_the_retries_of_the_one_before_it() -> None:
+    """The first program counts from a seed. The next one on its port is the old C client, which chains."""
+    seed, chain = [(1, 0, 0), (2, 1, 0), (3, 1, 0)], [(5, 0, 1), (7, 6, 1)]
+    responder = Responder()
+    assert _play(responder, *seed, *chain) == "NEW REPEAT REPEAT NEW NEW"
+    responder = Responder()
+    assert _play(responder, *seed) == "NEW REPEAT REPEAT"
+    service_start = Frame(encode_frame(4, 0, 1, (Variant(VT.BSTR, ""),)))
+    assert responder.receive_request(service_start).kind is NEW
+    responder.answer_call(S_OK)
+    assert _play(responder, *chain) == "NEW REPEAT"
+
+
 def test_the_kept_answer_goes_out_under_the_serial_of_the_retry() -> None:
     responder = Responder()
     value = Variant(VT.R8, 1.5)
