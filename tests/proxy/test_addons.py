@@ -18,8 +18,9 @@ from bcapscope.proxy.script_protocol import (
     ScriptError,
     ScriptOrder,
 )
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Transport
-from tests.faults.traffic import CLIENT, SERVER, request
+from tests.faults.traffic import CLIENT, SERVER, reply, request
 
 WHO = AddonClient(1, CLIENT, SERVER, Transport.UDP)
 CONNECTED = ClientConnected(1, (CLIENT, SERVER), Transport.UDP)
@@ -188,3 +189,17 @@ def test_a_slow_hook_is_told_once() -> None:
     answer, notices = obey(AddonRunner([Slow()], clock=lambda: next(times)), message(), message())
     assert notices == ["Slow.request delayed messages by 2.5 ms (reported once)"]
     assert answer.errors == 0
+
+
+def test_the_frames_of_a_settled_call_are_numbered_from_1() -> None:
+    numbers: list[tuple[int, int]] = []
+
+    class Numbers:
+        def settled(self, call: Call) -> None:
+            assert call.reply is not None
+            numbers.append((call.request.number, call.reply.number))
+
+    obey(
+        AddonRunner([Numbers()]), message(request(7)), MessageShown(1, False, reply(7), 0, 0), FinishScripts()
+    )
+    assert numbers == [(1, 2)]

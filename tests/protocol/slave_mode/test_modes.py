@@ -74,6 +74,12 @@ def test_only_mode_0_overflows() -> None:
     assert {mode.kind for mode in MODES if mode.overflow_is_error} == {ModeKind.MODE_0}
 
 
+def test_a_new_set_point_replaces_the_waiting_one_where_replies_come_at_once_and_nothing_overflows() -> None:
+    for mode in MODES:
+        answers_at_once = mode.kind is not ModeKind.OFF and not mode.paces_client
+        assert mode.overwrites_waiting is (answers_at_once and not mode.overflow_is_error)
+
+
 @given(st.integers(-(2**31), 2**31 - 1), st.sampled_from(Generation))
 def test_any_number_is_a_mode_or_none(value: int, generation: Generation) -> None:
     mode = slave_mode_by_number(value, generation)
