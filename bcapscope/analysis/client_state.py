@@ -156,7 +156,7 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared errors between `error` and `before` (ns since 1970)."""
+        """Return whether another client's latest ClearError is from `error` to `before`, ns since 1970."""
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)

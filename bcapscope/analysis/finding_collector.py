@@ -166,8 +166,8 @@ class FindingCollector:
         """Return the findings about selected calls, and the causes of these findings.
 
         Each root cause is followed by its consequences. Root causes are sorted by `RobotImpact`, then by
-        severity, then by time. The gravest impact and severity can be those of a consequence. Root causes of
-        the same client are listed together. The client with the gravest root cause comes first.
+        severity, then by time. Impact and severity are the gravest of the root cause and its consequences.
+        Root causes of the same client are listed together. The client with the gravest root cause is first.
 
         Args:
             provisional: Further problems for this result; they are not added to the collector.

@@ -24,7 +24,7 @@ _ROWS_AT_ONCE = 65_536
 
 
 class ColumnType(Enum):
-    """Type of a column, with its name in pandas. Only `INTEGER` columns never have missing values."""
+    """Type of a column, with its name in pandas. All but `INTEGER` columns can have missing values."""
 
     INTEGER = "int64"
     OPTIONAL_INTEGER = "Int64"

@@ -57,7 +57,7 @@ class GzipReader:
         self._decompressor = zlib.decompressobj(_GZIP_WINDOW)
 
     def __call__(self, size: int) -> bytes:
-        """Return up to `size` bytes; b"" at the end. Raise CaptureError after all bytes before the damage."""
+        """Return up to `size` bytes; b"" at the end. Raise CaptureError if only damaged data is left."""
         while True:
             if self._decompressor.eof and not self._next_member():
                 return b""

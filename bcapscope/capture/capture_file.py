@@ -57,7 +57,7 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets without delay. Raise CaptureError after the last packet before damaged data."""
+        """Yield packets without delay. At damage, raise CaptureError after all packets before the damage."""
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 

@@ -32,7 +32,7 @@ _Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
 
 
 class _Input(NamedTuple):
-    """A capture. `began` is its first packet's time, ns since 1970, or 0. `size` is None for a stream."""
+    """A capture. `began` is the first packet's time, ns since 1970; 0 if unknown. A stream has no `size`."""
 
     path: str
     began: int
@@ -132,7 +132,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield packets sorted by time. `waiting` holds each capture's index and start time, also sorted."""
+        """Yield packets sorted by time. `waiting` holds index and start time of captures, earliest first."""
         reading: list[_Reading] = []
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):

@@ -116,8 +116,8 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Fill the gap before a row at `offset`, or remove the bytes after `offset`, which are text mistaken
-        for hex. Return False if the row cannot continue this block.
+        """Fill the gap before a row at `offset`. If the block goes beyond `offset`, remove the bytes from
+        there on: they are text mistaken for hex. Return False if the row cannot continue this block.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]

@@ -278,7 +278,7 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of frames: 0, the end of a whole frame, or one of `rows` that looks like a frame."""
+    """Return where frames begin: at 0, at ends of whole frames, at those of `rows` that look like a frame."""
     cuts = [0]
     while True:
         start = cuts[-1]

@@ -34,8 +34,8 @@ LONGEST_LINE = 256 * 1024
 class PastedText:
     """Observations of the packets in a text, in the order of the text. All times are 0.
 
-    bcapscope adds a problem to a packet if its unknown command is similar to a known command, or if its bytes
-    are only one argument of a frame.
+    bcapscope adds a problem to a packet whose unknown command is similar to a known command, and to a packet
+    whose bytes are only one argument of a frame.
 
     Attributes:
         count: Number of packets read so far.

@@ -115,7 +115,7 @@ class RotatingRecording:
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets in the pending blocks, if each call of `write` added exactly one block."""
+        """Number of packets in the pending blocks; correct only if `write` got a single block each time."""
         return sum(map(is_packet_block, self._pending.copy()))
 
     def flush(self) -> None:

@@ -190,7 +190,7 @@ class TcpStream:
         return found
 
     def _offset_of(self, seq: int) -> int:
-        """Return the offset nearest to the next expected byte, because sequence numbers wrap at 32 bits."""
+        """Return the stream offset of `seq`: of all offsets modulo 2**32, the nearest to `_next_offset`."""
         ahead = (seq - self._first_seq - self._next_offset) & 0xFFFFFFFF
         return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
 

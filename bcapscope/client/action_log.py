@@ -39,8 +39,9 @@ class LogFiles:
 
     Attributes:
         path: Path of the file to which the last line was written; before the first line, path of the folder.
-        max_file_size: Maximum size in bytes. A line that would exceed this size begins the day's next file.
-        max_total_size: Of all files, in bytes. Before a new file begins, the oldest files are deleted.
+        max_file_size: Size in bytes at which a file is full: the next line begins the day's next file.
+        max_total_size: Size limit of all files together, in bytes. Before a new file begins, the oldest files
+            are deleted until `max_file_size` more bytes fit.
     """
 
     max_file_size = 16 << 20
@@ -101,7 +102,7 @@ LINE_TIMEOUT = 0.25
 """Maximum time in s by which the log delays a call that needs arming."""
 
 CLOSE_TIMEOUT = 2.0
-"""Maximum time in s that `ActionLog.close` waits for unwritten lines."""
+"""Maximum time in s that `ActionLog.close` waits for room in the queue, and then for unwritten lines."""
 
 MAX_WAITING = 4096
 """Maximum number of lines that wait to be written, and of requests that wait for a reply."""
@@ -197,7 +198,7 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, at most `CLOSE_TIMEOUT`. The next line starts a new thread."""
+        """Wait until all lines are written, at most 2 * `CLOSE_TIMEOUT`. A later line starts a new thread."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:

@@ -22,7 +22,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # comes first, because an injected fault can explain findings of the other checkers
+    ProxyChecker,  # an injected fault can explain findings of the other checkers, so this checker is first
     WireChecker,
     ConnectionChecker,
     ReplyChecker,

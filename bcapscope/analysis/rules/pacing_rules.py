@@ -146,7 +146,7 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points before and after the longest recent pause; None if a full buffer lasts longer."""
+    """Return the set points around the longest recent pause; None if a full buffer outlasts each pause."""
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":
         points.append(call)

@@ -316,7 +316,7 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the last attempt before `reply` with the same serial; the first request if there is none."""
+        """Return the last attempt before `reply` with its serial; the call's request if there is none."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 

@@ -156,7 +156,7 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` checks calls of this kind and health. `Diagnosis` caches the result."""
+        """Return whether `on_call` checks calls of this kind and `health`. `Diagnosis` caches the result."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:

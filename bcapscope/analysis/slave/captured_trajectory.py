@@ -98,8 +98,8 @@ class TrajectoryExtractor(PipelineSubscriber):
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Create an extractor. `left_out` counts the set points that `is_selected` rejects, but ignores the
-        clients that `is_selected_client` rejects.
+        """Create an extractor. `left_out` counts the set points that `is_selected` rejects, but no set point
+        of a client that `is_selected_client` rejects.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client

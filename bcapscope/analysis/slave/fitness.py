@@ -23,7 +23,7 @@ class Fitness(NamedTuple):
 
 def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
     """Judge whether a connection is fast enough for set points every 8 ms and every 1 ms. `round_trips`
-    is in ms; None if no call was answered.
+    holds round-trip times in ms; it is None if no call was answered.
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:

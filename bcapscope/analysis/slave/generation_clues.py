@@ -36,7 +36,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""A rule reports a wrong number type of set points only if the clue has at least this strength."""
+"""VT_R4 set points are reported only if a clue of at least this strength shows an RC8."""
 
 # Source: the samples in orin_bcap. The provider is no proof, because an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}

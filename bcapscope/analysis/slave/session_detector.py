@@ -346,7 +346,7 @@ def _call_end(call: Call) -> int:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return how a session ended. If the set points do not show the cause, search the other recent calls."""
+    """Return how a session ended. If its set points do not show what ended it, search other recent calls."""
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_

@@ -37,7 +37,7 @@ OTHER_KINDS = CallKind(0, None)
 """Stands for all call kinds that are not counted separately. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Stands for the client of each new pair after 2 * `MAX_KINDS` pairs of client and call kind."""
+"""Stands for the client in all pairs of client and call kind that appear after 2 * `MAX_KINDS` pairs."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000

@@ -58,7 +58,7 @@ class RuleOptions:
         return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules; None if the options define none. The delay `after` of faults counts from now."""
+        """Create the rules; None if the options define none. The delay `after` of each fault starts now."""
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
             return None

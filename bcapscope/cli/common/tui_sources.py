@@ -1,6 +1,6 @@
 """What ``bcapscope tui`` shows: the Tester, a proxy or a simulator.
 
-A function that starts a child process imports its screens afterwards, which saves 0.1 s at `tui --sim`.
+A function that starts a child process imports screens after this start, which saves 0.1 s at `tui --sim`.
 """
 
 from __future__ import annotations
