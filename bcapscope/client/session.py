@@ -68,9 +68,9 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    Over TCP, a call has only one attempt, whose timeout is as long as all UDP attempts together. The timeout
-    of slvMove is then the same as of other calls, because TCP needs longer than a cycle time to retransmit
-    lost data.
+    Over TCP, a call has only one attempt, whose timeout is as long as all UDP attempts together.
+    Over TCP, slvMove has the same timeout as other calls, because TCP needs longer than a cycle time to
+    retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
@@ -177,7 +177,9 @@ class Session:
         return OTHERS_IN_ASYNC_MODE if is_async and is_default else paces.others
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call can energise or move the robot. For PutValue, name and value decide."""
+        """Return whether a call can energise or move the robot. The answer for
+        Variable_PutValue depends on the variable's name and the new value.
+        """
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 

@@ -14,7 +14,7 @@ from bcapscope.traffic.recent_serials import RecentSerials
 MAX_ATTEMPTS = 16
 """Largest attempt number that bcapscope infers from serials: twice what clients make per call."""
 
-_LONGEST_KEPT = 512  # bytes; a hash replaces longer request contents
+_LONGEST_KEPT = 512  # bytes of a request's contents; a hash replaces longer contents
 
 
 @dataclass(eq=False, slots=True)

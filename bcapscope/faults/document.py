@@ -211,8 +211,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return the possible structs and the types of the field at `path`. If the field holds an object, the
-    structs are those that fit the object; otherwise, those that may contain the field.
+    """Return structs and the possible types of the field at `path`. If the field holds an object, the structs
+    are those that fit this object; otherwise, the structs are those that may contain the field.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)

@@ -29,7 +29,7 @@ class JitterDistribution(StrEnum):
     UNIFORM = "uniform"
     """Evenly within ± the jitter."""
     NORMAL = "normal"
-    """The jitter is the standard deviation."""
+    """A normal distribution with the jitter as its standard deviation."""
     PARETO = "pareto"
     """A Pareto distribution, scaled by the jitter: most delays are short, and a few are very long."""
 
@@ -51,7 +51,7 @@ class Fault(
     """The fields that select the messages that a fault hits. None means no limit.
 
     Attributes:
-        name: Name of the fault in reports; "" for a generated name. The fault's random numbers depend on it.
+        name: Name of the fault in reports; "" for a generated name. The name also seeds the random numbers.
         probability: Share of the messages to hit, out of the messages that fulfil all other conditions.
         times: Maximum number of hits.
         after: Time from adding the fault until the fault can hit messages.

@@ -38,7 +38,7 @@ RewriteValue: TypeAlias = int | float | bool | str
 PARETO_SHAPE = 3.0
 """Shape parameter of the Pareto distribution, with the same value as in tc-netem(8)."""
 
-# Each random number is reduced by this mean, so that the mean delay equals `time`.
+# DelayFault subtracts this mean from each random number, so that the mean deviation from `time` is 0.
 _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 

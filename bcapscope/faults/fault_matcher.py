@@ -54,7 +54,7 @@ class FaultMatcher:
         )
 
     def draw(self) -> bool:
-        """Decide at random whether the fault hits. If its probability is 1, draw no random number."""
+        """Decide at random whether the fault hits. If the fault's probability is 1, draw no random number."""
         share = self.fault.probability
         return share >= 1 or self.rng.random() < share
 

@@ -26,7 +26,7 @@ LARGEST_END = 1e19
 MAX_INDEXES = 8
 """Maximum number of indexes after ``arg``. Controllers nest arrays only two levels deep."""
 
-_LONGEST_SHOWN = 150  # bits; Python cannot convert an integer of more than about 14,000 bits to text
+_LONGEST_SHOWN = 150  # bits of an integer; Python cannot convert more than about 14,000 bits to text
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")

@@ -205,8 +205,8 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Convert `setting` to the type that `setting` names, or to the type of `value`. If `setting` is invalid,
-    return `value`.
+    """If `setting` names a type, such as `i2:5`, convert `setting` to this type; otherwise, to the type of
+    `value`. If `setting` is invalid, return `value`.
     """
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:

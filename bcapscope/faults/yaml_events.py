@@ -1,7 +1,7 @@
 """Reads YAML as a sequence of events. bcapscope reads all its YAML input with this module.
 
-The composers of PyYAML and `msgspec.yaml` call themselves for each level of nesting. On deep input, their C
-code overflows the stack and crashes the process. `yaml_events` needs no recursion, and rejects deep input.
+The composers of PyYAML and `msgspec.yaml` call themselves for each level of nesting, so deep input
+overflows the stack and crashes the process. `yaml_events` needs no recursion, and rejects deep input.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return a comment with their number; "" if no packet is missing."""
+        """Resume after missing packets. Return a comment with the number of missing packets, or ""."""
         if not self._skipped:
             return ""
         missing, self._skipped = self._skipped, 0

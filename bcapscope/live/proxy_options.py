@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """The relay sends `BEGIN`, and the watcher answers `READY`. The relay sends `CLOSE_SESSIONS`, and the watcher
-answers with a JSON list of `ClosingRequests`. The watcher adds any other message, as advice, to its warning
-of a slow proxy.
+answers with a JSON list of `ClosingRequests`. Any other message from the relay is advice, which the
+watcher adds to its warning of a slow proxy.
 """
 
 INCOMPLETE = 6

@@ -127,7 +127,7 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return one packet number for each of the relay's next `count` records: its last packet on the
+        """For each of the relay's next `count` records, return the number of the record's last packet on the
         client's leg. The number is 0 if the record has no such packet. The numbers are valid only for a
         recording in one file.
         """

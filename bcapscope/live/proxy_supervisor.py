@@ -370,8 +370,8 @@ def _has_other_end(descriptor: int) -> bool:
 def _print_aside(text: str) -> threading.Thread:
     """Print to standard error in a new thread. Only this thread waits if the terminal is stopped (Ctrl-S).
 
-    The thread bypasses Python's buffer. A thread that waits inside this buffer would hold its lock and
-    prevent the end of the program.
+    The thread bypasses Python's buffer. A thread that waits inside this buffer would hold the
+    buffer's lock, and the program could not end.
     """
 
     def write() -> None:

@@ -1,4 +1,4 @@
-"""Writes to a terminal from separate threads. Only these threads wait if the terminal is stopped (Ctrl-S)."""
+"""Writes to a terminal from separate threads, so that other threads work on if Ctrl-S stops the terminal."""
 
 from __future__ import annotations
 

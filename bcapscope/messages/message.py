@@ -64,8 +64,8 @@ PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
 class Message:
     """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable.
 
-    ``str()`` returns the English sentence, so that tracebacks show this sentence. `english` is None if the
-    catalogue has the English text. Otherwise, `english` is this text, for example from a protocol table.
+    ``str()`` returns the English sentence, so that tracebacks show this sentence. `english` is the
+    English text if the catalogue lacks this text, for example a text of a protocol table; None otherwise.
     """
 
     __slots__ = ("english", "id", "places")
@@ -225,7 +225,7 @@ def has_message(id: str) -> bool:
 
 @lru_cache(4096)
 def _template(language: Language, id: str) -> str | None:
-    """Return the template of an id, or None if the id is unknown. The default is the English template."""
+    """Return the template of an id, in English if `language` lacks the id; None if the id is unknown."""
     found = _translations(language).gettext(id)
     if id and found != id:  # for an empty id, gettext returns the header of the catalogue
         return found

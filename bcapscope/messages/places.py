@@ -7,7 +7,7 @@ from itertools import groupby
 
 from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
-LONGEST_TEXT = 60  # characters of a string from the wire
+LONGEST_TEXT = 60  # number of characters to show of a string from the wire
 
 _MS = 1_000_000
 

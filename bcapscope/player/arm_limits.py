@@ -145,7 +145,7 @@ class TrajectoryMotion:
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes with a unit; for P and T, also of the joints if `to_joints` is known."""
+    """Yield the motion of the axes that have a unit, then that of the joints for P and T with `to_joints`."""
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(

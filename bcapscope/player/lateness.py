@@ -32,7 +32,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for the first `capacity` values. Further values are counted only in bins."""
+        """Allocate memory for the first `capacity` values. All later values are counted only in bins."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -79,7 +79,7 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Each value below 16 has its own bin. Larger values share 16 bins per power of two."""
+    """Each value below 16 has its own bin. Values from 16 upwards share 16 bins per power of two."""
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)
     shift = value.bit_length() - 5

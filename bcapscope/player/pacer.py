@@ -334,8 +334,8 @@ class _Throttle:
     per period.
 
     The burst has two more set points than the buffer has slots. A controller that confuses two slave modes
-    may answer at once, although the reply should wait for room in the buffer. Without the throttle, the pacer
-    would send the whole trajectory to this controller in an instant.
+    may answer at once, although the reply should wait for room in the buffer. The throttle keeps
+    the pacer from sending the whole trajectory in an instant to such a controller.
     """
 
     def __init__(self, period: int, burst: int) -> None:

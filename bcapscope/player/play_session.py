@@ -339,8 +339,8 @@ class PlaySession:
         self._channel.wait_until(self._channel.now() + length)
 
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
-        """Report the controller's errors and offer to clear them. Return if the user wants to play again,
-        else raise `error`.
+        """Report the controller's errors and offer to clear them. If the user wants to play
+        again, return; otherwise, raise `error`.
         """
         latest = error
         while True:

@@ -55,7 +55,7 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What the player must still clean up. The player sends this message after each change.
+    """What the player must still clean up. The player sends this message whenever the tasks change.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
@@ -258,7 +258,7 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player. The distributions are in ns. They are exact, unless the play had too many
+    """The last message of a player. The distributions are in ns, and are estimates if the play had too many
     set points.
 
     Attributes:

@@ -34,14 +34,14 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call sched_setattr for each processor type. Older C libraries lack this function."""
+"""Number of the system call sched_setattr for each processor type. Older C libraries lack sched_setattr."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 """Fields of the C struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system granted. `text` describes this to the user, with advice if a request was refused."""
+    """What the system granted. `text` describes the result to the user, with advice after a refusal."""
 
     realtime: bool
     locked: bool

@@ -142,8 +142,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the way since the ramp began; `part` (0 to 1) is the elapsed share of the ramp. The unit is the
-    way that full speed covers in the time of the ramp, so a whole ramp covers 0.5.
+    """Return the way since the ramp began; `part` (0 to 1) is the elapsed share of the ramp. A way of 1
+    is what full speed covers in the time of a whole ramp. The ramp itself covers 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -194,9 +194,9 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log where its counter has a gap. Return each part as its first record and the record after its
-    last, and the counter's median increase per record. If the counter grows too unevenly, return one part and
-    None.
+    """Split a log where its counter has a gap. Return a pair for each part (first record, record after the
+    last), and the median increase of the counter per record. If the counter grows too unevenly, return one
+    part and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

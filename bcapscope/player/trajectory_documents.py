@@ -163,7 +163,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the indices of J1, J2 and so on: in the order of the numbers in `names`, else as listed."""
+    """Return the indices of J1, J2 and so on in `names`: by the numbers in the names, else as listed."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)

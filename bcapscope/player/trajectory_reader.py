@@ -77,8 +77,8 @@ def read_trajectories(
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
     `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. Returns one trajectory per
-    slave-mode session of a capture, or per message of a ROS file. Returns one trajectory per control log of a
-    project, or per part of a table without missing records.
+    slave-mode session of a capture, per message of a ROS file, or per control log of a project. A table is
+    split where records are missing, and each part is a trajectory.
     """
     options = options or ReadOptions()
     try:

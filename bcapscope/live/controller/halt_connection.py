@@ -1,8 +1,8 @@
 """The HALT connection: a second connection to the controller that only halts a robot. The HALT connection has
 its own thread, event loop and session, and is open before HALT is needed.
 
-A b-CAP call blocks its connection until the call ends. Meanwhile, DENSO's C server refuses other calls as
-busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses a separate connection on which the robot
+A b-CAP call blocks its connection until the call ends: DENSO's C server refuses other calls as busy
+(orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses a separate connection on which the robot
 is already open. HALT does not depend on the event loops of the screen or of other calls.
 """
 
@@ -109,7 +109,7 @@ class HaltConnection:
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only success or failure of HALT. A new connection reports the other states."""
+        """From now on, report only success or failure of HALT: a new `HaltConnection` replaces this one."""
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda update: report(update) if update.state in halt_results else None
@@ -197,7 +197,7 @@ class HaltConnection:
         self._report(HaltUpdate(HaltState.READY, round_trip=took))
 
     async def _halt_robot(self, session: Session, handle: int) -> None:
-        """After a refusal, repeat HALT once on a new connection: the controller may have lost this one."""
+        """If HALT is refused, repeat HALT once on a new connection: the old connection may be invalid."""
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()
         try:

@@ -82,8 +82,9 @@ class ArgumentReader:
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore the length fields of arguments. The reader therefore only reports a length
     field that disagrees with the value. If the end of a value cannot be recognised, the reader reads this
-    value again, up to the end that the length field gives. After that, every length field limits the value of
-    its argument. Two values never share a byte, and the reader reads each byte at most twice.
+    value again, up to the end that the length field gives. After the first value without a recognisable end,
+    every length field limits the value of its argument. Two values never share a byte, and the reader reads
+    each byte at most twice.
 
     The last element of `arguments` may be incomplete. `is_complete` is True if the start of every argument
     was found.

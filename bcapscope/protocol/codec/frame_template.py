@@ -24,7 +24,7 @@ LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates. At the limit, `FrameTemplates` forgets all and learns new templates."""
+"""Maximum number of templates. When it is reached, `FrameTemplates` forgets all templates."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""

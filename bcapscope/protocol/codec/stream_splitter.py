@@ -30,7 +30,7 @@ LARGEST_GARBAGE = 64 * 1024
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB, so other connections cannot disturb these frames.
+of real sessions are below 10 KiB, so no such frame is lost if other connections use up the budget.
 """
 
 STREAM_ENDED = Message("problem.cut.stream-ended")

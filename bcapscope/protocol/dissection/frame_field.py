@@ -259,8 +259,8 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice its offset, minus 1 for a truncated argument. The offset of this
-    problem is where the next argument begins, but the problem belongs to the truncated argument.
+    """Return a sort key for a problem: twice its offset, minus 1 for a truncated argument. A truncation
+    belongs to the truncated argument, although its offset is where the next argument begins.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

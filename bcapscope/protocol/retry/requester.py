@@ -200,7 +200,7 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A later reply to it is a late reply."""
+        """Give up the call in progress and return its attempts. A reply to this call is now a late reply."""
         self.deadline = None
         return self._attempt_snapshots()
 

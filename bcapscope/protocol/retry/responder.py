@@ -27,8 +27,8 @@ _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
-"""Serials that differ by more than this number belong to different calls. Known clients send at most 8
-attempts per call, except for one client that retries without end.
+"""The serial of a delayed attempt is less than this number behind its call's newest serial. Known clients
+send at most 8 attempts per call, except for one client that retries without end.
 """
 
 
@@ -42,8 +42,9 @@ class Defect(Flag):
     FORGETS_FIRST = 1
     """The server stores only its last reply, with the serial of the first attempt that arrived, and does not
     compare the contents of requests. If the first attempt is lost, the server executes the first retry and
-    stores its serial. The second retry holds the serial of the lost attempt, so the server executes it as a
-    new call. If a client restarts with the serial of its last call, the server sends the old reply.
+    stores the serial of this retry. The reserved field of the second retry holds the serial of the lost
+    attempt, so the server executes the second retry as a new call. If a client restarts with the serial of
+    its last call, the server sends the old reply.
     """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
@@ -95,9 +96,9 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return whether no call newer than `call` uses a serial from `call.newest` to `serial` as its newest
-    serial. `calls` lists the newest call first. The serials of older calls do not matter, because these calls
-    may come from an earlier program.
+    """Return whether every call newer than `call` has its newest serial outside the range from `call.newest`
+    to `serial`. `calls` lists the newest call first. The serials of older calls do not matter, because these
+    calls may come from an earlier program.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -115,7 +116,7 @@ class Responder:
     holds the serial of the first or the previous attempt. A request belongs to a remembered call if function
     and arguments are the same, and its reserved field holds the serial of an attempt of this call. The
     responder adds the serial and the reserved field of a retry to the serials of the call. If a request with
-    a known serial has other contents, the client has restarted. The responder then forgets the calls from
+    a known serial has other contents, the client has restarted, and the responder forgets the calls from
     before the restart.
 
     In two cases, a request does not show whether it is a new call or a retry:
@@ -127,9 +128,10 @@ class Responder:
       the same contents has an equal or slightly higher serial, the new call looks like a delayed attempt of
       the earlier call.
 
-    In both cases, the responder assumes a retry, so that no call is executed twice. If the responder mistakes
-    a new call for a retry, the controller does not execute the call, and the client gets the earlier reply.
-    The earlier reply may hold an old value, or report a motion that the robot made for the earlier call.
+    If a request may be a new call or a retry, the responder assumes a retry, so that no call is executed
+    twice. If the responder mistakes a new call for a retry, the controller does not execute the call, and the
+    client gets the earlier reply. The earlier reply may hold an old value, or report a motion that the robot
+    made for the earlier call.
     """
 
     def __init__(

@@ -109,7 +109,7 @@ class ReceiveFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. Only its format 0x340 has both mini I/O and user I/O."""
+        """Whether the ROS driver knows this format. The driver combines mini and user I/O only in 0x340."""
         both = self.mini_io and self.user_io
         return not self.other and (not both or int(self) & ~_POSE_BITS == 0x340)
 
