@@ -104,7 +104,7 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if there is none."""
+        """Disconnect the client that has held a reserved slot longest. Return False if no client has one."""
         return _evict(next(iter(self._reserved.values()), None))
 
     def _evict_one(self, source: str | None, now: int) -> bool:
@@ -115,7 +115,7 @@ class ClientSlots:
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
         """Return the client that has been idle longest; None if the proxy must not evict any client. If a
-        search with the same arguments found no client, return None without another search.
+        previous search with the same arguments found no client, return None without another search.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now

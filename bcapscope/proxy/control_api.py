@@ -111,7 +111,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # An edit that changes nothing is probably a typing error, and the message may request a motion.
+        # Probably a typing error. Do not forward the unchanged message, because it may request a motion.
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

@@ -71,7 +71,7 @@ class DirectionState:
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits for the scripts. `decision` covers all data that arrived at the same time."""
+    """A message that waits for the scripts. `decision` also covers other data that arrived with it."""
 
     message: WireMessage
     state: DirectionState

@@ -73,7 +73,7 @@ class HeldMessage:
 
 
 InterceptResult: TypeAlias = tuple[Message, bytes | None]
-"""A note for the user, and the bytes to forward now, or None if the message is held or dropped."""
+"""A note for the user, and the bytes to forward now. The bytes are None for a held or dropped message."""
 
 
 @dataclass(frozen=True, slots=True)

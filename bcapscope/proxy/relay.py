@@ -39,7 +39,7 @@ _LONGEST_CUT_NOTE = 600
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A UDP
-client needs one descriptor. A TCP client needs one before its first complete frame, and then two.
+client needs one descriptor. A TCP client needs one descriptor, and two after its first complete frame.
 """
 
 
@@ -299,7 +299,7 @@ class Relay(DescriptorWatcher):
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # `now` changes after `_sweep`: after a long pause, `_sweep` must not remove clients with unread data
+        # Update `now` last: otherwise, `_sweep` after a long pause would remove clients with unread data.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:

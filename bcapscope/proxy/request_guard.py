@@ -116,9 +116,9 @@ class RequestGuard:
         """Return the reason why the guard refuses a request; None if the request passes.
 
         The guard refuses a damaged frame if it would refuse one of the frame's possible interpretations. To
-        find the end of an argument, some controllers decode the value of the argument, like orin_bcap's C,
-        C#, Java and Python code. Other controllers read the length field of the argument, like the older C
-        client. No controller takes bytes inside the value of an argument for a frame.
+        find the end of an argument, a controller may decode the argument's value, as orin_bcap's C, C#, Java
+        and Python code does, or read the argument's length field, as the older C client does. No controller
+        takes bytes inside the value of an argument for a frame.
         """
         if _only_stops(request):
             return None

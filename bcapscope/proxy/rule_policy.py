@@ -264,7 +264,7 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: PolicyDecision
     ) -> WireMessage | None:
-        """Pass a message to the scripts. Return the message to forward now; None if there is none."""
+        """Pass a message to the scripts. Return what to forward now; None to forward nothing."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message
@@ -386,8 +386,8 @@ class RulePolicy:
                 work.actions.append(CloseAction(client, output.how is CloseMode.RESET, note))
 
     def _send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
-        """Forward a message. Before that, the guard checks requests. In a stream, join successive pieces that
-        no rule changed.
+        """Forward a message, except requests in it that the guard refuses. In a stream, join successive
+        pieces that no rule changed.
         """
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:

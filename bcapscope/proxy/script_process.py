@@ -172,8 +172,8 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """Kill the process. If the process had already ended, return the reason. Also return the last script
-        line, if known.
+        """Kill the process. Return the reason if the process had already ended, and the last script line if
+        this line is known.
         """
         code = self._exit_code()
         self._kill()

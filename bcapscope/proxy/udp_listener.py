@@ -30,8 +30,8 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. If the client sends again, the controller
-sees a new client. The time can be long: the socket of a silent client costs almost nothing.
+"""The relay removes a client that is silent for this time in ns. If a removed client sends again, the
+controller sees a new client. The time can be long: the socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -231,7 +231,7 @@ class UdpSession(RelaySession):
         self._count_drops()  # the listener removes silent clients
 
     def notify_refused(self) -> None:
-        """Report only once that the controller refuses datagrams, until the controller sends a datagram."""
+        """Report a refused datagram, but after that no further one until the controller sends a datagram."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))

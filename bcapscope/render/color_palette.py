@@ -19,7 +19,7 @@ class Palette:
     reset: str = ""
 
 
-PLAIN = Palette()  # without colours, for a pipe or a file, or if NO_COLOR is set
+PLAIN = Palette()  # no colours: used for a pipe or a file, or if NO_COLOR is set
 
 ANSI = Palette(
     number="\x1b[36m",

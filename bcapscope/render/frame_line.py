@@ -54,7 +54,7 @@ class FrameLineRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """With `brief`, lines omit problems and comments; `remarks` yields these instead. `write_endpoints`
-        returns escaped text. The default function returns addresses, transport and direction of a flow."""
+        returns escaped text. By default, it returns addresses, transport and direction."""
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
         self._is_brief = brief
@@ -198,7 +198,7 @@ class LineTemplateBuilder:
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
-        """Add arguments as ``name=value``. Add a type only if the function's definition has another type."""
+        """Add arguments as ``name=value``. Show types that differ from the function's definition."""
         for index, (argument, taken) in enumerate(zip(arguments, number_counts(arguments), strict=True)):
             param = role(index)
             if param.name in _SHOWN_BEFORE and isinstance(argument.variant.value, str):

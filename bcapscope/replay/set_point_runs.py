@@ -59,7 +59,7 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield each series of set points. Before a call shows the slave mode, set points are joint positions.
+    """Yield each series of set points. Until a call shows the slave mode, assume joint positions.
 
     Raises UnreadableSetPointError if a set point is not a pose, or the number of axes changes in a series.
     """

@@ -110,7 +110,7 @@ class CallExecutor(HostedClient):
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the value of a reply. If the call has none, the profile chooses EMPTY or no VARIANT."""
+        """Return a reply's value. If a call produces no value, the profile chooses EMPTY or no VARIANT."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

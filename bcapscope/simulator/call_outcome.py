@@ -50,7 +50,7 @@ class RefusalCode:
 class CallResult(msgspec.Struct, frozen=True):
     """The result of a call. If `value` is None, the profile decides whether the reply has no value or EMPTY.
 
-    `reason` tells the simulator's user why the call was refused. It is empty if the code says enough.
+    `reason` tells the simulator's user why the call was refused; "" if the code says enough.
     """
 
     hresult: int = S_OK

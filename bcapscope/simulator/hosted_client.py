@@ -40,7 +40,7 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """Whether the host must call `poll`. A subclass may return the running call instead of True."""
+        """True, or the running call, if the host must call `poll`; False or None otherwise."""
 
     @property
     def _is_unanswered(self) -> bool:

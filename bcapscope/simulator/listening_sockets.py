@@ -16,7 +16,7 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted. Any further client retries after a second."""
+"""Maximum number of connections that wait to be accepted. A further client connects a second later."""
 
 
 class SimulatorListenError(BcapError):

@@ -75,7 +75,8 @@ class ClientProgram(StrEnum):
     """As `CALLS`, then take the arm, switch the motor on and move the robot to and fro."""
     SLAVE = "slave"
     """As `MOTION`, then move to a first position with the pass motion @E, and enter slave mode. If the client
-    sets the pace, the client sends a set point every 8 ms. Otherwise, each reply triggers the next set point.
+    sets the pace, the client sends a set point every 8 ms. Otherwise, the client sends the next set
+    point after each reply.
     """
     PASSING = "passing"
     """As `SLAVE`, but the motion before slave mode has the pass motion @P."""

@@ -35,7 +35,7 @@ from bcapscope.traffic.observation import (
 )
 
 MAX_LINES = 1024
-"""Maximum number of clients. If more come, the UDP client that has been silent longest is dropped."""
+"""Maximum number of clients. A further client replaces the UDP client that has been silent longest."""
 
 _HERE = Endpoint("simulator", 0)
 

@@ -73,7 +73,7 @@ class ClientHost:
 
     Attributes:
         dropped: Number of datagrams that were not a valid frame, or came from a client beyond the limit.
-        closes_on_bad_frame: Whether a bad frame ends the connection; if not, the host skips the frame.
+        closes_on_bad_frame: Whether a bad frame ends the connection; if False, the frame is skipped.
     """
 
     evictable_after = EVICTABLE_AFTER_NS

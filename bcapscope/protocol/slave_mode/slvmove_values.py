@@ -2,7 +2,8 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
-the elements with slvSendFormat and slvRecvFormat. If the capture lacks these calls, the decoder guesses.
+the elements with slvSendFormat and slvRecvFormat. If the capture lacks these commands, the decoder guesses
+the elements.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If its form is unexpected, return the elements that fit, and the problems.
+    """Decode slvMove's result. If the result has an unexpected form, return the problems and what fits.
     EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as a pose of
     the slave mode's `pose_type`.
     """

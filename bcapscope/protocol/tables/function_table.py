@@ -151,7 +151,7 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of the argument at `index`, from 0. Argument 3 without a name is `arg4`."""
+    """Return the name and type of the argument at `index`, from 0. Index 3 without a name is `arg4`."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
         return function.params[index]

@@ -150,7 +150,7 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a signed or unsigned code. If `rc7`, its low 16 bits may be a code of RC7."""
+    """Return the meaning of a signed or unsigned code. If `rc7`, the code may contain an RC7 code."""
     code &= 0xFFFFFFFF
     known = LISTED_RESULTS.get(code)
     if known is not None:

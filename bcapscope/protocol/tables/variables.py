@@ -56,10 +56,10 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have. The variable's `name` is "" if unknown.
+    """Return the strongest effect that writing a variable can have. An unknown variable has the `name` "".
 
     A program on the controller may wait for any variable, so a write has the effect `MOVES`. Only writes to
-    @SERVO_ON, which switches the motor, and @STOP, which stops a task, have weaker effects.
+    @SERVO_ON, which switches the motor, and to @STOP, which stops a task, have a weaker effect.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
