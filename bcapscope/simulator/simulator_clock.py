@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns after a due event or an arrived request. The clock skips a longer delay."""
+"""Longest normal delay in ns of a due event or an arrived request. The simulated time omits longer delays."""
 
 
 class ClockedModel(Protocol):
@@ -91,7 +91,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """If sending took longer than `STALL_NS`, the time since the last `update` does not count."""
+        """If more than `STALL_NS` passed since the clock's last update, set the clock back to this update."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

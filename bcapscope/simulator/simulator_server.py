@@ -94,7 +94,8 @@ class SimulatorServer:
 
     Each request keeps the arrival time that Linux records. On TCP, Linux records only the arrival of the last
     byte. In modes where the client sets the pace, the server may read several set points together. The server
-    spreads their arrival times evenly over the time since the client's previous bytes arrived.
+    spreads the arrival times of these set points evenly over the time since the client's previous bytes
+    arrived.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -133,7 +134,7 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve for at most `until` s. Also watch the descriptors in `extra`, and return readable ones."""
+        """Serve for at most `until` seconds. Return the descriptors in `extra` that became readable."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -191,7 +192,7 @@ class SimulatorServer:
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If many are readable (`is_crowded`), also read the datagrams after a TCP segment."""
+        """Read a socket. If many are readable (`is_crowded`), read the datagrams after each TCP segment."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -203,7 +204,7 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Read the waiting datagrams. Answer only the first one, and queue the other ones."""
+        """Read the waiting datagrams. Answer the first one if the queue is empty, and queue all others."""
         receive, turns = self._receive, self.datagram_queue
         # If `_may_be_more` is False, `_arrival_time` does not need an arrival time from the operating system.
         asked = ANCILLARY_SIZE if self._may_be_more else 0

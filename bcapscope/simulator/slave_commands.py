@@ -176,7 +176,7 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
 def _write_io(context: CallContext, point: SetPoint) -> None:
     memory = context.machine.memory
     if point.mini_io is not None:
-        memory.io[3] = point.mini_io >> 24 & 0xFF  # IO24 to IO31; the other bits are not written
+        memory.io[3] = point.mini_io >> 24 & 0xFF  # IO24 to IO31; all other bits are ignored
     if point.hand_io is not None:
         memory.io[8] = point.hand_io >> 16 & 0xFF  # IO64 to IO71
     if point.user_write is not None and point.user_write.data is not None:
@@ -222,7 +222,7 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return one simulated motor current per axis: the lag of the encoders in degrees."""
+    """Return the simulated motor current of each axis: the number of degrees by which its encoder lags."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

@@ -70,7 +70,7 @@ def write_variable(context: CallContext) -> HandlerOutcome:
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
-    """Numbered variables appear with the number 0."""
+    """Return the names of an owner's variables; numbered variables occur once per letter, such as `I0`."""
     letters = (*LETTERS, *FRAMES) if owner is ObjectClass.CONTROLLER else ()
     return (
         *(f"{letter}0" for letter in letters if _exists_on(generation, letter)),
@@ -79,7 +79,7 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
 
 
 def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
-    """Return a variable's letter and number. If the name ends in `*`, PutID has set the number."""
+    """Return a variable's letter and number. For a name such as `I*`, PutID has set the number."""
     match = _NUMBERED.fullmatch(context.object.name.strip().upper())
     if match is None or _owner(context).kind is not ObjectClass.CONTROLLER:
         return None
@@ -142,7 +142,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
 }
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Slave mode refuses writes to these variables, and also the equivalent command or function."""
+"""In slave mode, the controller refuses writes to these variables, and equivalent commands and functions."""
 
 
 def _speed(field: str) -> VariableReader:

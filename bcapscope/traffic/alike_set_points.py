@@ -13,8 +13,8 @@ class AlikeSetPoints:
 
     A series contains only set points that the client sent once and that the controller accepted with S_OK, in
     undamaged frames. The requests in a series differ only in the serial, the reserved field and numbers in
-    the arguments. The replies differ only in the corresponding fields. After any other set point with S_OK, a
-    new series begins.
+    the arguments. The replies differ only in the serial, the reserved field and numbers in the value.
+    After any other set point with S_OK, a new series begins.
     """
 
     def __init__(self) -> None:

@@ -213,7 +213,7 @@ class Call:
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt of the call was captured. If not, `request` is a retry."""
+        """Whether the first attempt of the call was captured. If False, `request` is a retry."""
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 

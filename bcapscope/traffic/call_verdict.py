@@ -169,7 +169,7 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether every reply may have crossed the client's next attempt, captured or not."""
+    """Return whether each reply may have crossed the next attempt, even one that was not captured."""
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
     for reply in replies:

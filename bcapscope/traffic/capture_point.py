@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns from a reply to a retry that the client was already sending, as captured at the client.
+"""Maximum time in ns between the captures of a reply and a retry at the client, if the client began to send
+the retry before it received the reply.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000

@@ -12,15 +12,16 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). If a client begins the next call sooner after
-an unanswered request, the client does not wait for replies. It may still accept the reply to this request.
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). If a client begins the next call less than
+this time after an unanswered request, the client does not wait for replies. The client may still accept the
+reply to this request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
 """A client evidently gave up a retried call if no attempt follows within this many timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""A client gave up a call only after this silence in ns. A busy client delays an attempt by less time."""
+"""Minimum silence in ns that shows that a client gave up. A busy client delays attempts by less than this."""
 
 OVERDUE_TIMEOUTS = 2
 """A reply is late if the time since the last attempt exceeds this multiple of the estimated timeout."""

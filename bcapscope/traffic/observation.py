@@ -89,7 +89,7 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether the controller can no longer reply. After a FIN from the client only, it still can."""
+        """Whether the controller can no longer reply. If only the client sent a FIN, replies can follow."""
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
@@ -114,8 +114,7 @@ class Conversation:
         capture_side: Place at which the conversation was captured; None unless two captures hold the same
             conversation.
         joined_as: Conversation to which a joiner assigns the frames of this conversation; None if this
-            conversation keeps its frames. `record_end` records the end of the connection in both
-            conversations.
+            conversation keeps its frames. `record_end` also updates `connection_end` of `joined_as`.
     """
 
     client: Endpoint

@@ -20,14 +20,16 @@ Wave 2009.
 """
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after a newer call began, if a newer call was answered."""
+"""Maximum time in ns to wait for a reply to an older call, if a newer call was answered."""
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""The same if no newer call was answered: the controller may still be executing the abandoned call."""
+"""Maximum time in ns to wait for a reply to an abandoned call, if no newer call was answered: the controller
+may still be executing the abandoned call.
+"""
 
 EXECUTION_NS = 180_000_000_000
 """Maximum time in ns between two frames of an unanswered call, if the controller has answered no newer call.
-The value is the InvokeTimeout of DENSO's C server: later, the server no longer answers (orin_bcap
+The value is the InvokeTimeout of DENSO's C server: after this time, the server no longer answers (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
@@ -41,7 +43,8 @@ FRAME_COST = 512
 """Overhead of a frame in bytes."""
 
 LARGE_CALL = 64 * 1024
-"""Beyond this size in bytes, `ConversationPairing` keeps no reference to the newest call once it is complete.
+"""If the newest call is complete and exceeds this size in bytes, `ConversationPairing` drops its reference to
+the call.
 """
 
 

@@ -45,7 +45,7 @@ class PipelineSubscriber:
         """Process a completed call. `target` is the object with the call's handle; None if unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Process successive alike set points of one client. Without an override, `on_call` receives them."""
+        """Process successive alike set points of one client. If not overridden, `on_call` receives them."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Process a reply that belongs to no call."""

@@ -53,8 +53,8 @@ class FirstFrameQueue(Generic[Key]):
     def add(self, key: Key, host: str) -> Key | None:
         """Add a connection. If there is no room, return the connection that the caller must drop.
 
-        The caller drops the oldest connection of the source network with the most connections. The number of
-        bytes received does not count, because a normal client may not have sent any bytes yet.
+        The caller drops the oldest connection of the source network with the most connections. The choice
+        does not depend on the number of received bytes, because a normal client may not have sent any yet.
         """
         dropped = self.drop_one() if len(self._waiting) >= self._limit else None
         self._waiting[key] = _PendingConnection(source_network(host))

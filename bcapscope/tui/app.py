@@ -59,7 +59,7 @@ class ScreenEntry(NamedTuple):
 class BcapApp(KeyOrderApp):
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - Textual declares a list
     TITLE = "bcapscope"
-    ENABLE_COMMAND_PALETTE = False  # `BaseScreen` opens a palette with the actions of bcapscope
+    ENABLE_COMMAND_PALETTE = False  # Textual's palette; `BaseScreen` opens bcapscope's palette
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", priority=True),
         Binding(HALT_KEYS[0], "halt", "shell.halt", priority=True),

@@ -1,6 +1,6 @@
 """Ink marks: control characters in rendered lines. A mark sets the style of the text after the mark.
 
-Renderers write the style codes of a `Palette`. In the palette `INK`, these codes are ink marks. bcapscope
+Renderers write the style codes of a `Palette`. The style codes of the palette `INK` are ink marks. bcapscope
 escapes control characters in text from the wire, so this text cannot contain ink marks.
 """
 

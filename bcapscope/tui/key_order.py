@@ -1,8 +1,8 @@
 """Handles keys one after the other. A key goes to the widget that has the focus after the previous key.
 
 Textual chooses the widget for a key as soon as it reads the key, but an earlier key may still move the focus.
-Fast typing, pasting and remote terminals can deliver `/` and letters at once. The letters would not reach the
-input field that `/` opens.
+Fast typing, pasting and remote terminals can deliver `/` and letters at once. With Textual's choice, the
+letters would not reach the input field that `/` opens.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver an event. If it is a printable key for an input field, deliver the next event at once."""
+        """Deliver an event. After a printable key for an input field, also deliver the next event at once."""
         while True:
             target = self.focused or self.screen
             await super().on_event(event)

@@ -17,7 +17,7 @@ from bcapscope.messages import Message
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario_files import bundled_titles
 
-UNSET = "unset"  # value of a choice in Wireshark's dialog: the command runs without the option
+UNSET = "unset"  # the choice in Wireshark's dialog that leaves the option out of the command
 
 _FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
 """Pattern of one fault. Semicolons separate faults, except semicolons in quotation marks."""

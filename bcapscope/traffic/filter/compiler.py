@@ -297,7 +297,7 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. If there is no comparison sign, return `bool`."""
+        """Consume a comparison sign and its operand. Without a sign, return `bool` as the test."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

@@ -174,8 +174,8 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the number nearest to `bound` at which the concave function `value` is not negative. At `sound`,
-    the function is not negative.
+    """Return the number nearest to `bound` at which the concave function `value` is not negative. The
+    search begins at `sound`, where `value` is not negative.
     """
     if value(bound) >= 0:
         return bound

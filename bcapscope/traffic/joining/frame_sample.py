@@ -38,7 +38,7 @@ class SharedConversation(NamedTuple):
         ends: The ends in the first and in the second capture. They differ if a proxy or router is between.
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
         request_offset: Offset measured on requests only; None if the captures have no request in common.
-        is_sure: Whether the evidence suffices even if the clocks say that the captures do not overlap.
+        is_sure: Whether the captures may be joined even if their times do not overlap.
     """
 
     ends: tuple[ConversationEnds, ConversationEnds]

@@ -95,7 +95,7 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a copy with another number of `joined`, a frame captured only at the controller's side."""
+    """Return a copy of `joined`, which was captured only at the controller's side, with this number."""
     assert joined.at_client is None
     assert joined.at_controller is not None
     copy = joined._replace(number=number)

@@ -92,8 +92,9 @@ class Joiner(LegJoiner):
 
     The joiner holds a new conversation for at most `HELD_NS`, or `HELD_UNANSWERED_NS` if there is no reply,
     while the second leg may still appear. The joiner returns observations of joined conversations as
-    `JoinedObservation`, and all other observations unchanged. Conversations of the flows in `passing` have no
-    second leg. Callers need not add their observations, because `add` would return each one immediately.
+    `JoinedObservation`, and all other observations unchanged. The flows in `passing` belong to conversations
+    without a second leg. Callers need not add observations of these flows, because `add` would return each
+    one immediately.
     """
 
     def __init__(
@@ -240,7 +241,7 @@ class Joiner(LegJoiner):
             self._merge(each)
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Remove a conversation from the joiner's tables. Move its waiting observations to `twin.held`."""
+        """Remove a conversation from the joiner's tables. Move its queued observations to `twin.held`."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -272,8 +273,8 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the waiting observations of the suspects that counted as having no second leg. If the proxy
-        dropped the client's first request, the client's leg begins long before the controller's leg.
+        """Return the queued observations of those suspects for which the joiner found no second leg. If the
+        proxy dropped the client's first request, the client's leg begins long before the controller's leg.
         """
         single = {each for each in suspects if each in self._single and each not in self._shown_legs}
         found: dict[Conversation, _NewConversation] = {}

@@ -41,7 +41,7 @@ class DeliveryQueue:
         return due
 
     def find(self, conversations: Container[Conversation]) -> dict[Conversation, list[Observation]]:
-        """Return the waiting observations of each of these conversations, in order of time."""
+        """Return the waiting observations of each conversation in `conversations`, in order of time."""
         found: dict[Conversation, list[Observation]] = {}
         for _, _, each in sorted(
             each for each in self._waiting if each[2].flow.conversation in conversations
@@ -130,7 +130,7 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to the time `until`, or before a frame that waits for the other leg."""
+        """Return the observations up to `until` that precede all frames that wait for the other leg."""
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending

@@ -229,7 +229,7 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """If a request counted as lost, add this sighting at the controller's side. Return True if so."""
+        """Add the controller-side sighting of a request that counted as lost; else return False."""
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False

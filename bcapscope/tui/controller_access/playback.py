@@ -165,7 +165,7 @@ class PlayerSlot:
                 self._ended = await asyncio.to_thread(player.close)
 
 
-MAX_SAMPLES = 600  # twenty readings per second cover half a minute
+MAX_SAMPLES = 600  # half a minute at twenty readings per second
 
 
 @dataclass(slots=True)

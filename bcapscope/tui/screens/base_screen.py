@@ -1,4 +1,4 @@
-"""Base classes of all screens, and of screens with several views. Also help, command palette and a prompt."""
+"""Base classes of all screens, and of screens with several views. Also defines help, palette and prompt."""
 
 from __future__ import annotations
 

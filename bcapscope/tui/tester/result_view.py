@@ -62,7 +62,7 @@ class ResultView(InkedText, can_focus=True):
             self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll the forms until this view is visible. A small terminal shows only a few forms."""
+        """Scroll the forms until this view is visible, because a small terminal shows only a few forms."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:

@@ -1,4 +1,4 @@
-"""After the end of standard input, and so of the screen, removes the folder that the argument names."""
+"""When the screen ends, and thereby standard input, removes the folder that the argument names."""
 
 import sys
 from os.path import exists
@@ -6,7 +6,9 @@ from shutil import rmtree
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""Attempts, and seconds between two attempts. Windows cannot remove a folder that contains an open file."""
+"""Attempts to remove the folder, and seconds between two attempts. Windows cannot remove a folder that
+contains an open file.
+"""
 
 if __name__ == "__main__":
     sys.stdin.buffer.read()

@@ -108,7 +108,7 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Call `listener` with undelivered updates now, and later in the thread that publishes an update."""
+        """Call `listener` now with undelivered updates, then with each update in the publishing thread."""
         with self._lock:
             self._listener = listener
         for message in self._undelivered.values():
@@ -189,7 +189,7 @@ class TrafficFeed:
 
     def stop_reading(self) -> None:
         """Notify the reader that no more traffic will arrive. The reader still reads the remaining data."""
-        if self._reader is None:  # a proxy's watcher sends the reports, and ends with the relay
+        if self._reader is None:  # the reports come from a proxy's watcher, which ends with the relay
             return
         with suppress(OSError):  # the process has ended
             _pipe(self._reader.stdin).write(STOP_READING)
@@ -228,5 +228,5 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    assert stream is not None  # because the feed starts its processes with pipes
+    assert stream is not None  # the feed starts all processes with pipes
     return stream

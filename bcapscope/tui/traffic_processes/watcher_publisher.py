@@ -1,6 +1,6 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy. The watcher writes the
-same kinds of files as the reader process. The reports go to the standard output of the relay. Before all
-reports, the relay writes its addresses there.
+same kinds of files as the reader process. The relay first writes its addresses to
+standard output; then the reports follow there.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text for the look of a line. The list draws the line again when this text changes."""
+        """Return a text that changes with the look of the line; the list then draws the line again."""
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:

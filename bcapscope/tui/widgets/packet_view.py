@@ -33,7 +33,7 @@ MAX_ROWS = 20_000
 
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
-_FOLDED_AT_FIRST = 6  # a branch with more rows is unfolded when the tree opens
+_FOLDED_AT_FIRST = 6  # top-level branches with more rows, or with a problem, begin unfolded
 
 
 class _Entry(NamedTuple):

@@ -175,7 +175,7 @@ class CallList(RecordList[CallStore]):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._unfolded: dict[int, int] = {}  # number of frames by the position of an unfolded call; sorted
+        self._unfolded: dict[int, int] = {}  # position of each unfolded call, in order: number of its frames
 
     def clear_source(self) -> None:
         self._unfolded.clear()
