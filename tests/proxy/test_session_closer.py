@@ -95,6 +95,15 @@ def test_everything_is_given_back_newest_first() -> None:
     assert english(state) == "slave mode is on and the arm is held"
 
 
+def test_serials_continue_after_the_last_of_many_set_points() -> None:
+    session = Session()
+    session.begin()
+    session.execute("slvChangeMode", Variant(VT.I4, 0x102))
+    for _ in range(6):
+        session.execute("slvMove", Variant(VT.R8 | 0x2000, (0.0,) * 6, 6))
+    assert [serial for _, serial, *_ in session.ends()] == [11, 12, 13, 14]
+
+
 def test_the_clients_convention_is_kept() -> None:
     session = Session(own=True)
     session.begin()
