@@ -13,7 +13,7 @@ MAX_FINDINGS = 16
 """Maximum number of findings of one rule. Further problems are added to the rule's first finding."""
 
 MAX_CALLS = 256
-"""Maximum number of calls, the latest ones, whose problems the collector can look up by call number."""
+"""The collector can look up the problems of this many calls by call number: those of the latest calls."""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames that a finding lists for one occurrence of its problem."""

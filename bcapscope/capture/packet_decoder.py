@@ -65,7 +65,7 @@ class PacketDecoder:
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
-        """The end whose port is in `ports` is the controller; otherwise, the content shows the controller.
+        """The end whose port is in `ports` is the controller. Without such an end, the content decides.
         Packets of interfaces whose name does not begin with `interface_prefix` are ignored.
         """
         self.counts = CaptureCounts()

@@ -31,7 +31,7 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push `task`, then run `step`, which `task` undoes. If the controller refuses `step`, remove `task`.
 
-        `task` is on the stack before `step` runs, because the reply of an executed call may be lost.
+        `task` is on the stack before `step` runs: a call of `step` may take effect and lose its reply.
         """
         self.push(task)
         try:

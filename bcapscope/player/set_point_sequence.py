@@ -1,8 +1,8 @@
 """The set points to send: the trajectory, and additional set points at its start, at its end and for a stop.
 
 The player sends the first point a few times, so that the controller's buffer is full when the motion starts.
-An unfilled buffer runs empty at the first points (issues 20 and 49 of DENSORobot/denso_robot_ros);
-nkawa/Denso_CobottaPro900_MQTT_Control also sends the first point four times. The player repeats the last
+Otherwise, the buffer may run empty soon after the start (issues 20 and 49 of DENSORobot/denso_robot_ros). The
+client in nkawa/Denso_CobottaPro900_MQTT_Control sends the first point four times. The player repeats the last
 point, so that the robot has come to rest when slave mode ends.
 """
 
