@@ -173,7 +173,7 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that identifies the look of the line. If the text changes, the list redraws the line."""
+        """Return a text that identifies the look of the line. If it changes, the list redraws the line."""
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
