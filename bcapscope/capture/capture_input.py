@@ -73,7 +73,7 @@ class CaptureInput:
         self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(self._packets(captures))
         if len(expanded) > 1:
             from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - for several captures
-            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
+            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - for several captures
 
             self.plans = plan_places(expanded, known_ports)
             if self.plans:
@@ -116,7 +116,7 @@ class CaptureInput:
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline that joins conversations that were captured at several places."""
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
-        from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
+        from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - `decode` needs no pipeline
 
         self._joiner = Joiner(self.decoder.comments) if self._side is None else None
         return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)

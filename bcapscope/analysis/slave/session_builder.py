@@ -127,7 +127,7 @@ class SlaveSessionBuilder:
         if self._on_set_points is not None:
             self._on_set_points(SetPointChunk(self, self.models, rows, commanded, returned))
 
-    @np.errstate(all="ignore")  # as above
+    @np.errstate(all="ignore")  # numbers from the wire may be infinite, or too large to square
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:

@@ -58,7 +58,7 @@ class WebServer:
 
     def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
         """`listening` is a socket that listens on a loopback address; `run` closes the socket. `viewers` is
-        the maximum number of viewers, each of whom gets a separate screen process.
+        the maximum number of viewers. Each viewer gets a separate screen process.
         """
         address = Endpoint(*listening.getsockname()[:2])
         self.gate = WebGate(address)
