@@ -380,6 +380,21 @@ def test_a_client_that_may_have_left_slave_mode_did_not_quit_in_it(
     assert [each.rule for each in stage(play).of("quit-in-slave-mode")] == wanted
 
 
+def test_without_replies_it_is_a_guess_that_a_client_quit_in_slave_mode() -> None:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ask(50, "Robot_Execute", ROBOT, text("slvChangeMode"), i4(0x202))
+        for number in range(5):
+            client.ask(100 + 8 * number, "Robot_Execute", ROBOT, text("slvMove"), r8s(*HOME))
+        client.call(300, "Robot_Release", ROBOT)
+        client.close(400)
+
+    found = stage(play)
+    (finding,) = found.of("quit-in-slave-mode")
+    assert "This is a guess" in sentence_of(finding, found.seen)
+
+
 def test_set_points_that_the_capture_lacks_are_no_gap() -> None:
     def play(story: Story) -> None:
         client = story.client()

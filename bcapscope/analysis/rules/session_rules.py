@@ -162,6 +162,13 @@ def _may_have_left(session: SlaveSession) -> bool:
     )
 
 
+def _surely_on(session: SlaveSession) -> bool:
+    """Return whether a captured reply shows that slave mode was on."""
+    entry = session.entry_call
+    entered = entry is not None and entry.hresult is not None
+    return entered or session.counts.accepted > 0 or session.mode.known_by == "slvGetMode"
+
+
 def _left_on(session: SlaveSession) -> Occurrence:
     end, mode = session.exit, session.mode.value
     name = Message("slave-mode") if mode is None else Message("slave-mode.mode", mode=f"0x{mode:03X}")
@@ -175,6 +182,10 @@ def _left_on(session: SlaveSession) -> Occurrence:
     else:
         command = WireText(end.by.command or function_name(end.by.function_id))
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
+    impact = RobotImpact.STOPPED
+    if not _surely_on(session):
+        fact = Message("finding.quit-in-slave-mode.guess", fact=fact, mode=name)
+        impact = RobotImpact.NONE
     clause = Message("clause.quit-in-slave-mode", mode=name)
     last, entry = session.last_set_point, session.entry_call
     frames = end.frames
@@ -182,7 +193,7 @@ def _left_on(session: SlaveSession) -> Occurrence:
         frames = (last.frame,)
     elif not frames and entry is not None:
         frames = (entry.request_frame,)
-    where, impact = session.conversation, RobotImpact.STOPPED
+    where = session.conversation
     return Occurrence("quit-in-slave-mode", end.time, end.time, where, frames, fact, clause, impact=impact)
 
 
