@@ -81,7 +81,9 @@ class Message:
 
     @classmethod
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
-        """Return a message with the text `english`. The catalogue has only the translations of this text."""
+        """Return a message with the English text `english`. The English catalogue lacks this text, but the
+        catalogues of other languages may have a translation.
+        """
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
         return message

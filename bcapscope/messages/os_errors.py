@@ -9,10 +9,11 @@ from bcapscope.messages.message import Message
 
 
 def os_reason(error: Exception) -> Message:
-    """Return the reason in lower case and without the text that Python adds.
+    """Return the reason for `error` in lower case, without the text that Python adds to the reason.
 
-    If the first argument of `error` is a `Message`, return this message. Errors of name resolution have
-    numbers of their own, so their text is in English only.
+    If the first argument of `error` is a `Message`, return this message. bcapscope finds the translation of
+    an error by its `errno` number. Errors of name resolution have other numbers, which can equal an unrelated
+    `errno` number, so bcapscope does not translate these errors.
     """
     if error.args and isinstance(error.args[0], Message):
         return error.args[0]

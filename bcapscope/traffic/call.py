@@ -109,10 +109,11 @@ class Call:
         gave_up_inferred: Whether bcapscope inferred `abandoned_at` only from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
             attempts surely belong to this call.
-        may_go_on: Whether later attempts of this call may exist: uncaptured attempts, or attempts that
-            bcapscope counts as a newer call. The reply to a later attempt may have reached the client.
+        may_go_on: Whether this call may have attempts after `last_attempt`: uncaptured attempts, or attempts
+            that bcapscope counts as a newer call. The client may have received a reply to such an attempt.
         may_continue_in: Newer call whose attempts may be retries of this call; None in a complete call.
-        was_overtaken: Whether the controller answered a later request; always False if `may_go_on` is False.
+        was_overtaken: Whether the controller answered a request that is newer than this call's captured
+            attempts; always False if `may_go_on` is False.
         stray_replies: Replies and notices that answer uncaptured attempts of this call. bcapscope also
             reports each frame in `stray_replies` as a stray reply, because the call of the frame was unknown
             at first.
@@ -123,8 +124,9 @@ class Call:
         crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
             this client. bcapscope determines this time when the call becomes complete.
         skipped_handles: Number of handles that the controller skipped before it gave the handle in the
-            accepted reply. `skipped_handles` is 0 if the call has too few attempts to explain all skipped
-            handles.
+            accepted reply. Each skipped handle shows one more execution of the call. A call with n captured
+            attempts explains at most n - 1 skipped handles. If the controller skipped more handles,
+            `skipped_handles` is 0.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             became complete.
@@ -391,7 +393,8 @@ class StrayReply:
     Attributes:
         call_number: Number of a complete call in which an attempt has the reply's serial; None if unknown.
         request_missed: Whether the serials show that the client sent a request that the capture lacks. The
-            client's next request makes `request_missed` False if the client did not skip the reply's serial.
+            client's next request can make `request_missed` False: if the serial of this request equals the
+            reply's serial, or is earlier, the client did not skip the reply's serial.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that
             may belong to an evicted call is reported neither as late nor as stray.
     """

@@ -13,11 +13,14 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.recent_serials import RecentSerials
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of handle and command that `CallKinds` remembers. Clients use a few dozen pairs."""
+"""Maximum number of pairs of handle and command that `CallKinds` remembers. A client normally uses only a
+few dozen different pairs.
+"""
 
 MAX_CONVERSATIONS = 256
-"""Maximum number of remembered conversations. Beyond the limit, the conversation with the longest silence is
-dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Maximum number of conversations that `RecentRequests` or `Tracker` remembers. When one more conversation
+begins, each of these classes drops the conversation with the longest silence. DENSO's C server accepts 20
+clients on each transport (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 LONGEST_NAME = 256
@@ -71,10 +74,12 @@ class CallKinds:
         raw = request.raw
         if request.code not in COMMAND_FUNCTIONS or request.reserved == 1 or len(raw) <= _BSTR_START:
             return call_kind_of(request)
-        # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
-        # The prefix contains all bytes that determine the command, but no parameter. `_learn` stores a prefix
-        # only if the handle is a VT_I4 and the command has less than 256 bytes. The prefix includes the
-        # byte after the command, so a frame that was cut before this byte never matches.
+        # In nearly all requests, the first argument is a VT_I4 handle of 14 bytes. The second argument is the
+        # command, and begins with the argument's length in bytes. The prefix contains all bytes that
+        # determine the command, but no value of a parameter. `_learn` stores the prefix only if the handle
+        # takes 14 bytes and the command argument is shorter than 256 bytes. The prefix also includes the byte
+        # after the command argument. If a frame was cut before this byte, its prefix is too short to equal a
+        # stored prefix.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)
 

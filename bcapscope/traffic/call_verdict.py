@@ -138,8 +138,10 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 
 
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
-    """Return whether a capture at the controller lacks an attempt and its reply. Such a capture normally has
-    every reply. `received` holds the serials of the attempts with replies or notices.
+    """Return whether an uncaptured attempt evidently did not reach the controller. The evidence is that a
+    capture at the controller lacks every reply to this attempt, but has a reply or notice for a later
+    attempt. A capture at the controller normally has every reply. `received` holds the serials of the
+    attempts with replies or notices.
     """
     return call.is_at_controller and any(
         serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
@@ -158,7 +160,9 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the call's undamaged replies differ. E_BUSY and S_EXECUTING do not count."""
+    """Return whether the call's undamaged replies differ. Ignore replies with E_BUSY or S_EXECUTING, because
+    they hold no result of the call.
+    """
     accepted = () if call.reply is None else (call.reply,)
     replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))
     frames = [reply.item for reply in replies if not reply.item.problems]
@@ -169,7 +173,9 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether each reply may have crossed the next attempt, even one that was not captured."""
+    """Return whether each reply in `replies` may have crossed the client's next attempt on the network. If
+    skipped serials show that this attempt was not captured, the reply may have crossed it.
+    """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
     for reply in replies:

@@ -2,8 +2,9 @@
 
 If the client sends a retry before it receives a reply, retry and reply cross, and the reply is late. If the
 reply had enough time to reach the client, and the client still retried, the reply was lost. Only a capture on
-the client's computer shows whether the reply was late or lost. At any other capture point, the capture times
-of a reply and a retry that cross differ by at most the round-trip time between capture point and client.
+the client's computer shows whether the reply was late or lost. A capture from any other place shows only
+whether a reply and a retry may have crossed. The capture times of such a reply and retry differ by at most
+the round-trip time between the place of the capture and the client.
 """
 
 from __future__ import annotations
@@ -18,16 +19,19 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns between the captures of a reply and a retry at the client, if the client began to send
-the retry before it received the reply.
+"""Maximum time in ns from a reply to a retry that crossed this reply, in a capture on the client's computer.
+The client began to send the retry before it received the reply.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Longest assumed round trip in ns from the capture point to the client. Factory networks take milliseconds.
+"""Longest assumed round trip in ns from the capture point to the client. In a factory network, a round trip
+takes milliseconds.
 """
 
-_REACTIONS = 3  # needed to estimate the round trip; a single short reaction can be a coincidence
-_MARGIN = 2  # a round trip may take this many times as long as the shortest round trips
+# The estimate of the round trip needs this number of reaction times, because a single short reaction time can
+# be a coincidence.
+_REACTIONS = 3
+_MARGIN = 2  # a round trip may take this many times as long as the shortest reaction times
 
 
 class CapturePoint(StrEnum):
@@ -45,8 +49,8 @@ class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
     A client's reaction time is the time from the capture of a reply to the capture of the next request. This
-    time includes the round trip between capture point and client. Only reaction times below
-    `considered_below_ns` are used.
+    time includes the round trip between capture point and client. `CrossingWindow` uses only reaction times
+    below `considered_below_ns`.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
@@ -61,7 +65,9 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
-        """Add the client's reaction time after a call. Ignore a retried call, whose reply may be late."""
+        """Add the client's reaction time from the reply to `call` until the client's next request,
+        `following`. Ignore a retried call, because the reply to a retried call may be late.
+        """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (
             call.reply is None

@@ -67,7 +67,9 @@ def waits_in_vain(call: Call, now: int) -> bool:
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
-    """Return the client's timeout (ns) times `timeouts`, at least `SHORTEST_SILENCE_NS`; 0 if unknown."""
+    """Multiply the client's timeout by the number `timeouts`. Return the product in ns, but at least
+    `SHORTEST_SILENCE_NS`. Return 0 if the client's timeout is unknown.
+    """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 

@@ -1,6 +1,4 @@
-"""Pair the frames of one conversation into calls. The table in `pairing_states` shows how a frame changes the
-state of its call.
-"""
+"""Pair the frames of one conversation into calls. `pairing_states` defines the states of a call."""
 
 from __future__ import annotations
 
@@ -66,7 +64,8 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # reserved field of the latest first attempt; on UDP, 1 stands for any value but 0; -1: unknown
+        # Value of the reserved field in the client's newest captured first attempt; -1 if unknown. On UDP,
+        # the attribute is 0 or 1, and 1 means any value except 0.
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
@@ -76,15 +75,16 @@ class ConversationPairing:
         self._latest_overfull = 0  # `Call.number` of the latest call that exceeded MAX_EXTRA_FRAMES
         self._session_call = 0  # `Call.number` of the latest Service_Start call
         self._latest_answered = 0  # highest `Call.number` of an answered call
-        self._answered_early: deque[tuple[int, int]] = (
-            deque()
-        )  # call number and reply time of each call that was answered while an older call was open
+        # call number and reply time of each call that was answered while an older call was open
+        self._answered_early: deque[tuple[int, int]] = deque()
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
         self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._unseen_requests = UnseenRequests()
-        self._response_seen = False  # True after a notice, or after a stray, damaged or missing reply
+        # True if frames of the controller were captured, or are known to be missing. An ordinary reply to a
+        # call without retries sets only `_latest_answered`.
+        self._response_seen = False
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -345,7 +345,7 @@ class ConversationPairing:
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
-            if serial:  # if the serial is 0, the value 0 in the reserved field may be the frame's own serial
+            if serial:  # a first attempt with serial 0 has 0 in the reserved field under every convention
                 self._reserved_usage = self._reserved_usage.after_first_attempt(reserved)
                 self._first_reserved = int(reserved != 0)
             return

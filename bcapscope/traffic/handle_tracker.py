@@ -120,7 +120,9 @@ class HandleTracker:
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop a client that has disconnected. An open session of this client counts as ended."""
+        """Drop a client that has disconnected. If the client has not ended its session, add the session to
+        the ended sessions, with the ending `OPEN`.
+        """
         client = self._clients.pop(conversation, None)
         if client is not None:
             self._end_session(client, SessionEnding.OPEN)

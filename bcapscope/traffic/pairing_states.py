@@ -78,7 +78,9 @@ _ROLES_WITHOUT_CHANGE = {
     CallEvent.EARLIER_REPLY: FrameRole.LATE,
     CallEvent.UNDELIVERED_REPLY: FrameRole.LOST,
 }
-"""Events that leave the state of an open call unchanged, and the role of the frame that each event adds."""
+"""Events that do not change the state of an open call. Each of these events adds a frame to the call, and
+`_ROLES_WITHOUT_CHANGE` gives the role of this frame.
+"""
 
 TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (state, event): Transition(state, role)
@@ -120,7 +122,8 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event for an exact copy of a frame. `earlier` is the capture time of the frame, and `time`
-    the capture time of the copy, ns.
+    """Return whether an exact copy of a frame causes the event `CAPTURED_AGAIN` or the event `COPY`. The call
+    already has the original frame, which was captured at the time `earlier`. The copy was captured at the
+    time `time`. Both times are in ns since 1970.
     """
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

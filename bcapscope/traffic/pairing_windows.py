@@ -35,8 +35,9 @@ C/src/bCAPServer/bcap_server.c).
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies in all open calls of a conversation, about 30 MB of
-memory. Beyond the limit, the call of the latest frame and all earlier calls are evicted. The older C client,
-which retries without end (start-jsk/denso b-Cap.c), reaches the limit in 22 minutes at a timeout of 20 ms.
+memory. If a frame exceeds the limit, the call of this frame and all older calls are evicted. Calls that began
+later remain open. The older C client, which retries without end (start-jsk/denso b-Cap.c), reaches the limit
+in 22 minutes at a timeout of 20 ms.
 """
 
 FRAME_COST = 512
@@ -77,7 +78,8 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     over = closing is not None and closing.ends_replies
     end = max((call.last_activity for call in open_calls), default=0)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
-    # time of the earliest reply to a call newer than `call`; at most `overtaken`, even without a reply
+    # `answered` is the time of the earliest reply (except E_BUSY) to a call newer than `call`. If there is no
+    # such reply, or if it is later than `overtaken`, `answered` equals `overtaken`.
     answered = overtaken
     for call in reversed(open_calls):
         gives_up = gives_up_at(call)

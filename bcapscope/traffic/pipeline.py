@@ -33,7 +33,8 @@ class PipelineSubscriber:
     pipeline computes only events that a subscriber needs. `on_frame` receives a frame before `on_call`
     receives the calls that this frame completed.
 
-    Without `needs_targets`, the `target` of `on_call` may be None although the handle is known.
+    If `needs_targets` is False, the `target` of `on_call` may be None even if the pipeline could find the
+    object of the call's handle.
     """
 
     needs_targets: ClassVar[bool] = False
@@ -42,10 +43,15 @@ class PipelineSubscriber:
         """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Process a completed call. `target` is the object with the call's handle; None if unknown."""
+        """Process a completed call. `target` is the object to which the call's handle refers; None if this
+        object is unknown.
+        """
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Process successive alike set points of one client. If not overridden, `on_call` receives them."""
+        """Process successive set points of one client that differ only in serials, reserved fields and
+        numbers (see `AlikeSetPoints`). If a subclass does not override `on_set_points`, its `on_call`
+        receives these set points.
+        """
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Process a reply that belongs to no call."""
@@ -54,7 +60,9 @@ class PipelineSubscriber:
         """Process a change of a client's slave mode, after the call that made the change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of an ended conversation. The subscriber has already received all its calls."""
+        """Release the data of an ended conversation. The subscriber has already received all calls of this
+        conversation.
+        """
 
 
 class CallCollector(PipelineSubscriber):

@@ -9,14 +9,17 @@ from bcapscope.traffic.handle_tracker import handle_of
 FEWEST_CALLS = 8
 
 LONGEST_STEP_NS = 500_000_000
-"""Maximum time in ns between two calls in quick succession. Without a reply, clients wait for their timeout:
-1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py.
+"""Maximum time in ns between two calls in quick succession. A client that gets no reply begins the next call
+only after its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py.
 """
 
 
 class RequestsOnlyEvidence:
-    """Finds out from a client's requests whether the client received replies that were not captured. Such a
-    client uses the handle of an object that it opened, or makes calls in quick succession without a retry.
+    """Finds out from a client's requests whether the client received replies that were not captured.
+
+    Either of two facts proves that the client received replies. First, the client opened an object, and then
+    uses a handle of an object of the same class. Second, the client made at least `FEWEST_CALLS` calls in
+    quick succession without a retry, and uses a handle.
     """
 
     def __init__(self) -> None:

@@ -16,7 +16,9 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Evaluate a request on TCP. If serial and reserved field are 1, this may be the protocol version."""
+        """Evaluate a request on TCP. Ignore a request with the serial 1 and the value 1 in the reserved
+        field, because this value can be the serial or the protocol version.
+        """
         if reserved == serial == 1:
             return self
         known = {serial: ReservedConvention.OWN, 0: ReservedConvention.TCP0, 1: ReservedConvention.TCP1}

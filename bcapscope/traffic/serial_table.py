@@ -14,8 +14,8 @@ class SerialTable:
     """The serials of open calls, and of recently completed calls.
 
     Attributes:
-        reused: For each reused serial of a TCP client, the earlier calls that still wait for a reply, oldest
-            first. `Call.number` replaces a complete call.
+        reused: For each reused serial of a TCP client, a queue of the earlier calls that still wait for a
+            reply, oldest first. When a call in the queue becomes complete, its `Call.number` replaces it.
     """
 
     def __init__(self) -> None:
@@ -49,9 +49,9 @@ class SerialTable:
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def queue_reused(self, serial: int) -> None:
-        """Before a new request reuses a serial, queue the open call with this serial. TCP keeps the order of
-        the frames, so the reply to the queued call comes before the reply to the new request. The Python
-        client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
+        """Append the open call with this serial to the queue in `reused`, because a new request reuses the
+        serial. TCP keeps the order of the frames, so the reply to the queued call comes before the reply to
+        the new request. The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
         """
         prior = self.open_calls.get(serial)
         if prior is None or prior.reply is not None or prior.late_replies:
@@ -63,9 +63,10 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call that used this serial. For a complete call, return only the call number.
+        """Return the oldest call in the queue of a reused serial. If this call is complete, return its
+        `Call.number` instead of the `Call`.
 
-        If `is_answered`, remove the call.
+        If `is_answered`, remove the call from the queue.
         """
         queue = self.reused[serial]
         oldest = queue[0]

@@ -15,13 +15,14 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Maximum number of open calls, about 10 MB. Beyond the limit, the conversation with the most open calls
-loses the older half of these calls.
+"""Maximum number of open calls, about 10 MB. Beyond the limit, the tracker evicts the older half of the open
+calls of one conversation: the conversation with the most open calls.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
-"""Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the conversation with
-the largest calls loses the older half of its calls. The largest possible call stays within the limit.
+"""Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the tracker evicts the
+older half of the open calls of one conversation: the conversation whose open calls take the most memory. A
+call with one request and one reply, both of maximum size (see `LARGEST_FRAME`), does not exceed the limit.
 """
 
 SWEEP_NS = 50_000_000  # time between two searches for calls whose waiting time has expired
@@ -49,7 +50,8 @@ class Tracker:
         self._kinds = CallKinds()
         self._calls_started = 0
         self._calls_settled = 0
-        self._latest_evicted = 0  # number of the newest call when a whole conversation was last evicted
+        # value of `_calls_started` when the tracker last evicted all calls of one conversation; 0 if never
+        self._latest_evicted = 0
         self._results: list[PairingResult] = []
         self._swept_at = 0
         self._next_sweep_at = 0

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A restart of the client causes larger gaps in
-the serials.
+"""Maximum number of successive skipped serials that count as uncaptured attempts. If two successive requests
+skip more serials, the client probably restarted, so the skipped serials do not count as attempts.
 """
 
 
@@ -42,7 +42,7 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """Stray replies to one client. The capture lacks the requests of these replies.
+    """Infers from stray replies to one client which requests of this client the capture lacks.
 
     A stray reply with an earlier serial than the client's latest captured request answers an uncaptured
     request. A stray reply with a later serial than all captured requests may answer an uncaptured retry of
@@ -51,7 +51,7 @@ class UnseenRequests:
     answers.
 
     Attributes:
-        waiting: Whether the class holds stray replies until the client's next request.
+        waiting: Whether an `UnseenRequests` holds stray replies until the client's next request.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,9 @@ class UnseenRequests:
                 newest.may_go_on = newest.was_overtaken = True
         self._newest, self.waiting = newest, True
         if stray.observation.item.code == S_EXECUTING:
-            if serial in self._noticed:  # a controller may send thousands of notices; the first is enough
+            # A controller may send thousands of notices for one attempt. The first notice already shows that
+            # the controller received this attempt.
+            if serial in self._noticed:
                 return
             self._noticed.add(serial)
         self._recent.append(stray)
@@ -86,9 +88,9 @@ class UnseenRequests:
         """Return the held stray replies whose serials are earlier than `serial`, the serial of the client's
         next request.
 
-        `pop_before` drops each held reply with an equal or later serial, and sets the reply's
-        `request_missed` to False. For a copy of the client's latest request, `pop_before` returns an empty
-        list and drops no reply.
+        A reply whose serial equals `serial` or is later than `serial` does not belong to a skipped request.
+        `pop_before` drops such a reply and sets its `request_missed` to False. For a copy of the client's
+        latest request, `pop_before` returns an empty list and drops no reply.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -112,9 +114,10 @@ class UnseenRequests:
     def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
         """Add to `call` each stray reply that answers an uncaptured attempt of `call`.
 
-        If a remaining reply may answer `_newest`, `assign` sets `may_go_on` of `_newest`. `named` is the
-        serial in the reserved field of the client's next request. If an uncaptured retry of the newest call
-        has the serial `named`, `assign` adds only replies to this retry.
+        `named` is the serial in the reserved field of the first request that the client sent after the stray
+        replies. If `call` is the client's newest call and has an uncaptured retry with this serial, `assign`
+        adds only the replies to this retry. If one of the other replies may answer `_newest`, `assign` sets
+        `may_go_on` of `_newest`.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -130,7 +133,7 @@ class UnseenRequests:
         self._noticed.clear()
 
     def _may_answer(self, call: Call, stray: StrayReply) -> bool:
-        """Return whether a stray reply may answer a later attempt of a call.
+        """Return whether a stray reply may answer an attempt of `call` after its last captured attempt.
 
         The controller sends S_EXECUTING only for one attempt of a call: the first attempt that the controller
         receives.
@@ -147,11 +150,13 @@ class UnseenRequests:
 def find_retried_call(
     newest: Call | None, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
 ) -> tuple[Call | None, Call | None]:
-    """Return two calls: the probable call of the retry `frame`, and the possible call of this retry. Each of
-    the two calls is the client's newest call, or None.
+    """Return, as a pair of values, whether the retry `frame` belongs to `newest`, the client's newest call.
 
-    The reserved field of the retry `frame` holds the serial of an uncaptured attempt. The reserved field of a
-    retry holds the first attempt's serial, except with the convention `CHAIN`.
+    If the retry probably belongs to `newest`, both values are `newest`. If the retry possibly belongs to
+    `newest`, the first value is None and the second value is `newest`. Otherwise, both values are None.
+
+    The reserved field of the retry `frame` holds the serial of an uncaptured attempt. This attempt is the
+    call's first attempt, except with the convention `CHAIN`.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None, None

@@ -50,12 +50,14 @@ def accept_connection(
 
 
 def raise_descriptor_limit(count: int) -> None:
-    """Raise the descriptor limit of this process to `count`, as far as permitted; macOS starts with 256."""
+    """Raise the descriptor limit of this process to `count`, as far as permitted. On macOS, a process starts
+    with a limit of 256.
+    """
     if sys.platform == "win32":
         return
     try:
-        import resource  # noqa: PLC0415  # Windows lacks the module
-    except ImportError:  # without a free file descriptor, Python cannot load the module
+        import resource  # noqa: PLC0415  # Windows lacks the module `resource`
+    except ImportError:  # Python cannot load `resource` without a free file descriptor
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = count if hard == resource.RLIM_INFINITY else min(count, hard)

@@ -43,11 +43,14 @@ On the right is one of
     true  false  null
 
 Text comparisons ignore case, as controllers do. Regular expressions ignore
-case, too, unless they contain (?-i). With a name or a hexadecimal number on
-the right, < <= > >= compare HRESULTs as unsigned numbers. With a decimal
-number below 2147483648 on the right, < <= > >= compare HRESULTs as signed
-numbers. Therefore hresult >= 0x80000000 selects the same replies as
-hresult < 0. A VT_R4 seldom equals a decimal exactly; compare it with a range.
+case, too, unless they contain (?-i). A VT_R4 seldom equals a decimal exactly;
+compare it with a range.
+
+The operators < <= > >= compare an HRESULT with the value on the right. If this
+value is a decimal number below 2147483648, both are compared as signed
+numbers. If this value is a name, a hexadecimal number or a larger decimal
+number, both are compared as unsigned numbers. For example, hresult < 0 selects
+the same replies as hresult >= 0x80000000.
 
 A comparison is false if the field has no value, or a value of another type.
 Even the comparisons != and "not in" are false if the field has no value. For
@@ -89,9 +92,10 @@ Test: TypeAlias = Callable[[Any], bool]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A valid filter expression. `getter_names` are the names of the getters that `bind` needs.
+    """A valid filter expression.
 
     Attributes:
+        getter_names: Names of the getters that `bind` needs.
         warnings: Comparisons that are valid, but probably a mistake.
         unknown_values: Values that are missing from bcapscope's tables; they may be typing mistakes.
     """
@@ -108,9 +112,10 @@ class Filter:
         """Return a function that tests a record. The function raises only exceptions that a getter raises.
 
         Args:
-            getters: Additional getters are ignored. If the getter of `t` is missing, `bind` creates it.
-            first_time: Returns the time at which `t` is 0, ns since 1970. If None, `t` is 0 at the first
-                tested record.
+            getters: For each name in `getter_names`, a function that reads this field of a record. `bind`
+                ignores getters with other names. If the getter of `t` is missing, `bind` creates it.
+            first_time: Function that returns the time at which the field `t` is 0, ns since 1970. If
+                `first_time` is None, `t` is 0 at the time of the first tested record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -276,8 +281,8 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_field_comparison(self, subject: ComparedField, read: Callable[[Any], object]) -> Test | None:
-        """Parse a comparison with a field of the same numeric type. For other input, consume nothing and
-        return None.
+        """Parse a comparison of two fields of the same numeric type, such as ``serial == reserved``. The left
+        field is already consumed. If no such comparison follows, consume nothing and return None.
         """
         sign = self.peek()
         if not (sign.is_sign(*matching.COMPARISONS) and subject.type in operands.NUMERIC):
@@ -297,7 +302,11 @@ class _Parser:
         return test
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. Without a sign, return `bool` as the test."""
+        """Consume a comparison operator and its right side. Return a test for the value on the left side.
+
+        If no operator follows, the field on the left side is the whole condition. `parse_match` then consumes
+        nothing and returns `bool`, which is true unless the value is missing, 0, false or empty.
+        """
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

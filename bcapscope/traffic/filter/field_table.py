@@ -86,7 +86,7 @@ SINCE_FIRST = "t"
 
 
 def _known_commands() -> frozenset[str]:
-    from bcapscope.protocol.tables.command_catalogue import commands_of  # noqa: PLC0415 - takes 10 ms
+    from bcapscope.protocol.tables.command_catalogue import commands_of  # noqa: PLC0415  # import takes 10 ms
 
     return frozenset(command.name for id in FUNCTIONS for command in commands_of(id))
 

@@ -15,8 +15,9 @@ from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.traffic.observation import Endpoint
 
 Match: TypeAlias = Callable[[object], bool | None]
-"""Returns whether a value matches. If value and literal have different types, a test for equality returns
-None, so that == and != are both false. Every other test of different types returns False.
+"""Function that returns whether the value of a field matches the literal in a filter. If the value and the
+literal have different types, a test for equality returns None, so that == and != are both false. All tests
+other than equality, such as < and ``contains``, return False for a value of an unsuitable type.
 """
 
 Number: TypeAlias = "int | float | Fraction"
@@ -181,13 +182,15 @@ def all_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Match a number for which the comparison with `wanted` is true; NaN never matches."""
+    """Match a number if ``<number> <sign> <wanted>`` is true. NaN never matches."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Match an HRESULT if its comparison with `wanted` is true."""
+    """Match an HRESULT if ``<HRESULT> <sign> <wanted>`` is true. Compare HRESULT and `wanted` as signed
+    numbers if `signed`, otherwise as unsigned numbers.
+    """
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip

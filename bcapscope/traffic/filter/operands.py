@@ -1,4 +1,6 @@
-"""Compile the right side of a comparison. If this side does not fit the field, raise a `FilterError`."""
+"""Compile the right side of a comparison. If the right side does not fit the field on the left side, raise a
+`FilterError`.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,17 @@ from bcapscope.traffic.filter.matching import Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds per unit. In a microsecond, the prefix can be u, the micro sign or the Greek letter mu."""
+"""Number of nanoseconds in each unit. Users can write the unit of microseconds with the letter u, with the
+micro sign or with the Greek letter mu.
+"""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""1973-03-03, as ns since 1970. An earlier time in a filter is probably a mistake."""
+"""1973-03-03, as ns since 1970. If a filter contains a time before 1973-03-03, this time is probably a
+mistake, such as a number of seconds since the first frame.
+"""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -61,7 +61,9 @@ class ClockEstimator:
         self._least = _UpperBound()  # of the negative offset
 
     def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
-        """Add a frame. Its two times, in ns since 1970, are from the clocks of the two places."""
+        """Add a frame that both places captured. `at_client` is the time by the client-side clock, and
+        `at_controller` is the time by the controller-side clock, in ns since 1970.
+        """
         if is_request:
             self._most.add(at_controller, at_controller - at_client)
         else:

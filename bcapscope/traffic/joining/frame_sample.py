@@ -15,14 +15,16 @@ FEWEST_SHARED = 4
 """Minimum number of frames that two samples of the same conversation have in common."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum deviation in ns of a frame's time offset, from the first to the second capture, from the median
-offset. A larger deviation shows different frames with equal bytes, such as polls with a reused serial.
+"""Maximum difference in ns between the time offset of one frame and the median time offset of all common
+frames. The time offset is the time from the frame in the first capture to the frame with equal bytes in the
+second capture. If the difference is larger, the two are different frames, such as polls with a reused serial.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
 """Conditions for joining two captures whose times do not overlap, because one clock was wrong: the minimum
-number and fraction of common frames, and the maximum median deviation from the median offset, ns. If instead
-a program was executed twice, the port, the values or the pauses of the two executions normally differ.
+number of common frames, their minimum fraction of the smaller sample, and the maximum median deviation from
+the median time offset in ns. Two captures may also hold two executions of one program. Such captures do not
+normally meet the conditions, because the port, the values or the pauses of the two executions differ.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
@@ -36,7 +38,7 @@ class SharedConversation(NamedTuple):
 
     Attributes:
         ends: The ends in the first and in the second capture. They differ if a proxy or router is between.
-        offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
+        offset: Median time in ns from a frame in the first capture to the same frame in the second capture.
         request_offset: Offset measured on requests only; None if the captures have no request in common.
         is_sure: Whether the captures may be joined even if their times do not overlap.
     """

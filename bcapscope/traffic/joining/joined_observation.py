@@ -95,7 +95,9 @@ def join_sightings(
 
 
 def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
-    """Return a copy of `joined`, which was captured only at the controller's side, with this number."""
+    """Return a copy of `joined` that has the frame number `number`. The frame of `joined` must have been
+    captured only at the controller's side.
+    """
     assert joined.at_client is None
     assert joined.at_controller is not None
     copy = joined._replace(number=number)

@@ -21,17 +21,22 @@ HELD_NS = 1_000_000_000
 """Maximum time in ns for which a new conversation is held while the joiner looks for its other leg."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
-"""The same without any reply. A client whose requests were dropped retries within `RETRY_WITHIN_NS`."""
+"""Maximum time in ns for which a new conversation is held if it has no reply. The proxy may have dropped the
+client's first requests. The client then retries within `RETRY_WITHIN_NS`, and the other leg begins.
+"""
 
 MAX_WAITING = 32768
-"""Beyond this number of waiting observations, the joiner immediately decides which conversations to join."""
+"""Maximum number of waiting observations. Beyond the limit, the joiner immediately decides which
+conversations to join, and returns the waiting observations.
+"""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a second leg can no longer appear, because a proxy forwards each
-request to the controller before the client gets the reply.
+"""A new conversation with this number of answered calls, but without suspects, has no second leg. The second
+leg would have appeared earlier, because a proxy forwards each request to the controller before the client
+gets the reply.
 """
 
 MAX_NEW = 1024
@@ -39,10 +44,15 @@ MAX_NEW = 1024
 MAX_SUSPECTS = 32
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of remembered conversations. Beyond the limit, the joiner forgets all conversations."""
+"""Maximum number of conversations without a second leg that the joiner remembers. When there is one more, the
+joiner forgets all of them. If the traffic of such a conversation continues, the joiner examines the
+conversation again.
+"""
 
 MAX_JOINED = 256
-"""Maximum number of joined conversations. Beyond this limit, joining ends for the oldest conversation."""
+"""Maximum number of joined conversations. When there is one more, the joiner no longer joins the legs of the
+conversation that it joined first.
+"""
 
 MAX_SENDERS = 16
 
@@ -52,7 +62,12 @@ _REQUEST = Direction.REQUEST
 
 
 class _NewConversation:
-    """A conversation that may turn out to be the leg of a proxy, with its traffic so far."""
+    """A conversation that may turn out to be the leg of a proxy, with its traffic so far.
+
+    Attributes:
+        suspects: Other conversations with a request that this conversation also has. Each suspect may be the
+            other leg.
+    """
 
     def __init__(self, first: Observation) -> None:
         self.conversation = first.flow.conversation
@@ -195,7 +210,9 @@ class Joiner(LegJoiner):
             self._decide(new)
 
     def _find_suspects(self, new: _NewConversation, request: Observation) -> None:
-        """Note which other conversations contain the request of the new conversation."""
+        """Find the conversations that contain a request equal to `request`, and that may be the other leg of
+        `new`. Add them to `new.suspects`. If such a conversation is new, too, add `new` to its suspects.
+        """
         for sender in self._note_sender(request):
             if not may_be_twins(sender, new.conversation):
                 continue
@@ -253,8 +270,10 @@ class Joiner(LegJoiner):
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the client's and the controller's leg; None if there is no pair. The legs need at least
-        `calls` nested calls; 0 for the number that `fewest_calls` returns.
+        """Return the client's leg and the controller's leg; None if no suspect is the other leg of `new`.
+
+        Two conversations count as legs only if they have at least `calls` nested calls (see `NestedCalls`).
+        If `calls` is 0, the minimum is the number that `fewest_calls` returns.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         waiting = self._waiting_traffic(new.suspects)
@@ -273,8 +292,9 @@ class Joiner(LegJoiner):
         return outer, inner
 
     def _waiting_traffic(self, suspects: Iterable[Conversation]) -> dict[Conversation, _NewConversation]:
-        """Return the queued observations of those suspects for which the joiner found no second leg. If the
-        proxy dropped the client's first request, the client's leg begins long before the controller's leg.
+        """Return the queued observations of each suspect that the joiner already treats as a conversation
+        without a second leg. Such a suspect can still be the client's leg. If the proxy dropped the client's
+        first request, the client's leg begins long before the controller's leg.
         """
         single = {each for each in suspects if each in self._single and each not in self._shown_legs}
         found: dict[Conversation, _NewConversation] = {}

@@ -80,7 +80,9 @@ class LegJoiner:
 
     @property
     def is_idle(self) -> bool:
-        """True if the joiner joins no legs and holds no observations. Callers then need not call `add`."""
+        """True if the joiner joins no legs and holds no observations. While a `LegJoiner` is idle, callers
+        need not call `add`, because `add` would return each observation immediately.
+        """
         return not (self._mergers or self._queue)
 
     def join(self, client_leg: Conversation, controller_leg: Conversation) -> None:
@@ -130,7 +132,9 @@ class LegJoiner:
         return self._pop_until(self._now)
 
     def _pop_until(self, until: int) -> list[Observation]:
-        """Return the observations up to `until` that precede all frames that wait for the other leg."""
+        """Return the queued observations up to the time `until`. If a frame still waits for its sighting on
+        the other leg, return only the observations that are earlier than this frame.
+        """
         for merger in list(self._busy):
             merger.expire(self._now)
             pending = merger.earliest_pending

@@ -13,22 +13,28 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObs
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns between two sightings of a frame; longer than a proxy's delay faults. A frame without a
-second sighting then counts as lost.
+"""Maximum time in ns for which a frame waits for its second sighting. The time allows for delay faults of a
+proxy. After this time, a frame without a second sighting normally counts as lost.
 """
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for a second sighting. Beyond the limit, the oldest stops waiting."""
+"""Maximum number of frames that wait for a second sighting. Beyond the limit, bcapscope delivers the oldest
+waiting frame without waiting any longer for its second sighting.
+"""
 
 MAX_COMPARED = 1024
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames to remember. A lost frame may be a held message that you release later."""
+"""Maximum number of remembered frames that count as lost. A request that counts as lost can still be captured
+at the controller's side, for example if the proxy holds this request and you release it later.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Times of the first and last packet of a capture, ns since 1970; None if there is no limit."""
+    """Time span of a capture: the times of its first and its last packet, ns since 1970. If `begins` is None,
+    the span has no start. If `ends` is None, the span has no end.
+    """
 
     begins: int | None = None
     ends: int | None = None

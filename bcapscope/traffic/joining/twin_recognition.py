@@ -8,12 +8,15 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""Number of nested calls (see `NestedCalls`) for joining two conversations immediately. Without a proxy, two
-clients that start the same program together are very unlikely to produce this number of nested calls.
+"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations immediately, before the
+joiner has held them for the full time. Two clients that run the same program at the same time without a proxy
+send equal frames, but they are very unlikely to produce this number of nested calls by chance.
 """
 
 FEWEST_CALLS = 2
-"""Minimum number of nested calls for joining two conversations after a waiting time."""
+"""Minimum number of nested calls (see `NestedCalls`) for joining two conversations after the joiner has held
+them for some time. If addresses or interface names suggest a proxy, one nested call is enough.
+"""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
@@ -22,13 +25,16 @@ _REQUEST = Direction.REQUEST
 
 
 class NestedCalls(NamedTuple):
-    """How well the calls of an inner conversation are nested in the calls of an outer conversation. A proxy's
-    controller leg is an inner conversation, and its client leg is the outer conversation.
+    """The nested calls of two conversations. Nested calls show that a proxy forwarded the frames.
 
-    Equal bytes identify the same frame in both conversations. In a nested call, the outer request comes
-    before the inner request, and the inner reply comes before the outer reply.
+    A nested call occurs with equal bytes in two conversations, an outer and an inner one. The outer
+    conversation has the request earlier and the reply later than the inner conversation. With a proxy, the
+    outer conversation is the client's leg, and the inner conversation is the controller's leg. The proxy
+    receives a request on the client's leg before it sends the request on the controller's leg. It receives
+    the reply on the controller's leg before it sends the reply on the client's leg.
 
     Attributes:
+        calls: Number of nested calls: the number of common requests or of common replies, whichever is less.
         lag: Total time in ns that requests took from the outer to the inner conversation.
         is_contradicted: Whether a request came first in the inner conversation, or a reply came first in the
             outer conversation.
@@ -56,7 +62,9 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls prove two legs of a proxy; None if the interface names exclude a proxy."""
+    """Return the minimum number of nested calls (see `NestedCalls`) that proves that `outer` and `inner` are
+    the two legs of a proxy. Return None if the interface names show that they are not.
+    """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
         return 1 if are_legs else None
