@@ -15,8 +15,9 @@ from bcapscope.traffic.observation import Observation
 class CallSelection:
     """Marks each reported problem as selected or not, then passes the problem to `report_occurrence`.
 
-    A problem is selected if a selected call contains one of the problem's frames. A problem of a single frame
-    is stored until the frame's call is complete. Only then can `is_selected` test the call.
+    A problem is selected if a selected call contains one of the problem's frames. Rules may report a problem
+    of a frame before the frame's call is complete. `CallSelection` stores this problem until the call is
+    complete, because `is_selected` tests only complete calls.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:

@@ -20,13 +20,19 @@ FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of times or rates. Two captures of the same program can differ by less."""
+"""Smallest notable ratio of times or rates. Smaller ratios are normal between two captures of the same
+program.
+"""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of median cycle times. A client should keep its cycle time constant."""
+"""Smallest notable ratio of median cycle times. It is smaller than `NOTABLE_RATIO`, because a client should
+keep its cycle time constant.
+"""
 
 NOTABLE_MS = 0.2
-"""Smallest notable difference of latencies, ms. The shortest timeout is 2 ms (DENSO Wave 2009)."""
+"""Smallest notable difference of latencies, ms: a tenth of the shortest timeout that DENSO recommends to
+clients, 2 ms (DENSO Wave 2009).
+"""
 
 NOTABLE_SHARE = 0.002
 """Smallest notable difference in the share of calls that were retried, refused or left unanswered."""
@@ -143,8 +149,8 @@ def _unmatched_kinds(
     return tuple(UnmatchedKind(kind, mine[kind].calls) for kind in mine if kind not in other)
 
 
-# Function that decides whether two values of a figure differ notably. The last argument has the number of
-# calls or set points in each capture.
+# Function that decides whether two values of a figure differ notably. The last argument contains two numbers:
+# how many calls or set points the figure describes in each capture.
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 

@@ -25,7 +25,8 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Maximum number of handles per client. DENSO's C server (bcap_server.c) gives a client at most 1000."""
+"""Maximum number of handles per client. DENSO's C server (bcap_server.c) gives a client at most 1000 handles.
+"""
 
 MAX_CLOSED_CLIENTS = 32
 """Maximum number of remembered clients whose conversation has ended. Their slave mode may still be on."""
@@ -156,7 +157,9 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client's latest ClearError is from `error` to `before`, ns since 1970."""
+        """Return whether another client called ClearError in the time from the call `error` to `before` (ns
+        since 1970). Only the latest ClearError of each client is known.
+        """
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)
@@ -361,7 +364,10 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Keep the client for some time, because it can explain failures of other clients."""
+        """Keep the state of the conversation's client, because this state can explain failures of other
+        clients. If more than `MAX_CLOSED_CLIENTS` states of closed conversations are kept, drop the oldest
+        one.
+        """
         client = self._by_conversation.get(conversation)
         if client is None:
             return

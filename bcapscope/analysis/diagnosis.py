@@ -59,9 +59,9 @@ class Diagnosis(PipelineSubscriber):
         Args:
             is_selected: Function that selects calls; None to select all calls. The rules check all calls, but
                 `findings` returns only findings about selected calls, and the causes of these findings.
-            on_slave_session: Function that receives each complete slave-mode session. With `is_selected`, the
-                function receives only sessions with selected set points. `remaining_sessions` returns the
-                incomplete sessions.
+            on_slave_session: Function that receives each complete slave-mode session. If `is_selected` is
+                given, `on_slave_session` receives only sessions with selected set points.
+                `remaining_sessions` returns the incomplete sessions.
         """
         self._collector = FindingCollector()
         self._report_occurrence = self._collector.add_occurrence
@@ -141,7 +141,9 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a small frame with problems to the checkers. `on_frame` passes large frames."""
+        """If the frame has problems and is smaller than `CHECKED_FROM_BYTES`, pass it to the checkers.
+        `on_frame` has already passed every frame of at least this size, with or without problems.
+        """
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)

@@ -10,10 +10,14 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. Further problems are added to the rule's first finding."""
+"""Maximum number of findings of one rule. If a rule reports a further problem that would need a new finding,
+this problem is added to the rule's first finding.
+"""
 
 MAX_CALLS = 256
-"""The collector can look up the problems of this many calls by call number: those of the latest calls."""
+"""Maximum number of calls for which the collector can look up problems by call number. If there are more
+calls with problems, the collector forgets the call that it added first.
+"""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames that a finding lists for one occurrence of its problem."""
@@ -80,7 +84,8 @@ class FindingCollector:
         - the latest problem of a call in `occurrence.explaining_calls`
         - the latest problem that `_possible_causes` yields
 
-        `findings` searches for all causes again, because a better cause may have been reported later.
+        `findings` links each kept occurrence again, because a rule may have reported a better cause after the
+        first link.
         """
         known = self._causes.pop(occurrence, None)
         injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule_id == INJECTED]
@@ -141,8 +146,13 @@ class FindingCollector:
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
-        """Yield the problems that `possible_causes` of the rule allows: those of the same call, and those
-        of the same controller that ended at most `cause_within_ns` before `occurrence` began.
+        """Yield the possible causes of `occurrence`: problems of the rules in
+        `occurrence.rule.possible_causes`.
+
+        Each yielded problem meets one of two conditions:
+
+        - It concerns the same call as `occurrence`.
+        - It concerns the same controller, and ended at most `cause_within_ns` before `occurrence` began.
         """
         earliest = occurrence.began - occurrence.rule.cause_within_ns
         host = occurrence.conversation.server.host
@@ -242,7 +252,10 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return a copy of `finding` that names its first consequences, and refers to any other consequences."""
+    """Return a copy of `finding` with the text and the delay of each of its first consequences. If there are
+    further consequences, or further occurrences of a consequence, the copy also has the finding numbers of
+    its first and last consequence.
+    """
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):

@@ -40,7 +40,9 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the occurrence of the same call as `update`; return the replaced occurrence, or None."""
+        """Replace the kept occurrence that has the same call number as `update`. Return the replaced
+        occurrence; None if no kept occurrence has this call number.
+        """
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -137,7 +139,9 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group with the cause of `group.shown`. Skip links that would close a cycle."""
+    """Map each group to its parent: the group that contains the cause of the occurrence `group.shown`. Omit
+    groups without a cause, and links that would close a cycle.
+    """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):

@@ -253,7 +253,9 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return the kinds of events of a call: the gravest event about its attempts, and its failure, if any."""
+    """Return at most two kinds of events of a call. One kind is the gravest of: executed twice, answered
+    late, retried. The other kind is: refused, or unanswered.
+    """
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

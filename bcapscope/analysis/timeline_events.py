@@ -50,8 +50,8 @@ class TimelineEvent(NamedTuple):
 class TimelineEventList:
     """Collects events in roughly chronological order.
 
-    Events less than `pause` ns apart are joined. If there are still more than `most` events, the list
-    increases `pause`.
+    The list joins events less than `pause` ns apart. While the joined events still number more than `most`,
+    the list lengthens `pause` and joins again.
     """
 
     def __init__(self, most: int, pause: int = 0) -> None:

@@ -12,8 +12,8 @@ import yaml
 
 try:
     from yaml import CSafeLoader as SafeLoader
-except ImportError:  # PyYAML was built without libyaml
-    from yaml import SafeLoader  # type: ignore[assignment]  # slower than `CSafeLoader`
+except ImportError:  # PyYAML was built without libyaml, so it has only the slower `SafeLoader`
+    from yaml import SafeLoader  # type: ignore[assignment]  # another class than `CSafeLoader`
 
 from bcapscope.errors import InputError
 from bcapscope.faults.fault_kinds import ALIASES, AnyFault
@@ -211,8 +211,9 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return structs and the possible types of the field at `path`. If the field holds an object, the structs
-    are those that fit this object; otherwise, the structs are those that may contain the field.
+    """Return the structs and the types that explain an error in the field at `path`. The types are all types
+    that the field may have. If the field holds an object, the structs are the classes to which this object
+    may belong. Otherwise, they are the classes of the innermost object around the field.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)

@@ -180,7 +180,9 @@ class FaultInjector:
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold so much that the proxy should not read from TCP streams."""
+        """Whether the messages that faults hold exceed `MAX_WAITING` bytes. The proxy then should not read
+        from TCP streams.
+        """
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:
@@ -329,8 +331,8 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram that faults would delay, because too many datagrams wait. Keep a datagram that is not
-    delayed, but drop its delayed copies.
+    """Drop a datagram that faults would delay, because the held messages exceed `MAX_WAITING` bytes. If
+    faults delay only copies of the datagram, keep the datagram and drop its delayed copies.
     """
     if faulted.delay or faulted.held_behind:
         faulted.drop()

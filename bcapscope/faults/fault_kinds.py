@@ -244,8 +244,8 @@ class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
 
 
 class AnswerFault(MessageFault, frozen=True, kw_only=True, tag="answer"):
-    """Answer a request with the result code `hresult` and without a value, instead of forwarding it. If
-    `direction` is `response`, replace the controller's reply instead.
+    """Answer a request with the result code `hresult` and without a value. Do not forward the request. If
+    `direction` is `response`, replace the controller's reply with this answer.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -308,8 +308,9 @@ class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
 
 
 class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
-    """Limit the bandwidth, separately for each direction. If more than `queue` bytes would wait, drop the
-    datagram. Any number of bytes of a TCP stream may wait.
+    """Limit the bandwidth, separately for each direction. Messages beyond the bandwidth wait. If more than
+    `queue` bytes would wait, drop the datagram. TCP streams have no such limit: this fault drops none of
+    their bytes.
     """
 
     rate: Rate
@@ -331,8 +332,9 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 
 
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
-    """Drop datagrams, and hold the bytes of streams until the partition ends, as if TCP had sent them again.
-    A partition without the field `lasts` never ends, so it also drops the bytes of streams.
+    """Drop datagrams, and hold the bytes of TCP streams until the partition ends, as if TCP had sent them
+    again. A partition without the field `lasts` never ends. This partition drops the bytes of streams,
+    because it could never release them.
     """
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:

@@ -22,8 +22,8 @@ MAX_REMEMBERED = 4096
 """Maximum number of messages that a `Rewriter` keeps; a normal session needs a few dozen."""
 
 MAX_BYTES = 1 << 20
-"""Maximum total size in bytes of the messages that a `Rewriter` keeps, after decompression. Decoded values
-take up to 100 times as much memory.
+"""Maximum total size in bytes of the messages that a `Rewriter` keeps, after decompression. The decoded
+values of a message take up to 100 times as much memory as its bytes.
 """
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
@@ -116,8 +116,10 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change of numbers since the latest similar message. A retry gets the values of the first
-        attempt: other values would make the controller execute a new call.
+        """Return `values` with limited steps. The fault's `step` names numbers, and the largest change of
+        each. A named number changes by at most this much from the latest similar message as forwarded (see
+        `Rewriter`). A retry gets the values of the first attempt: other values would make the controller
+        execute a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)

@@ -36,8 +36,8 @@ class ScriptLookup:
 
     `find` returns the next recorded call with the same function, command and arguments. After the last of
     these calls, `find` returns this last call again. If no recorded call has these arguments, `find` compares
-    only function and command. After the last recorded Service_Start, a further Service_Start makes `find`
-    begin again at the first recorded call.
+    only function and command. If a client sends another Service_Start after `find` has returned the last
+    recorded Service_Start, `find` begins again at the first recorded call.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -162,8 +162,8 @@ class RecordedController(ClientHost):
     """Plays the role of a recorded controller. Each client gets the recorded replies from the beginning.
 
     If the recording has no usable reply to a call, the replay answers E_NOTIMPL. `unknown_calls` is the
-    number of these calls. The clock only reproduces recorded delays, so the clock may stop while the process
-    is suspended.
+    number of these calls. The clock of the replay only reproduces recorded delays. Therefore
+    `runs_in_real_time` is False: the clock stops while this process gets no processor.
     """
 
     evictable_after = IDLE_CLIENT_NS

@@ -1,4 +1,4 @@
-"""Make the calls of a script to a controller, with the handles that this controller gives."""
+"""Make the calls of a `ReplayScript` to a controller, with the handles that this controller gives."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class NotAtStartError(BcapError):
 
 
 class PlayedCall(NamedTuple):
-    """A call of the script, and its result in the replay.
+    """A call of a `ReplayScript`, and its result in the replay.
 
     `delay` is the time in ns by which the call began late, because earlier calls took longer than recorded.
     """

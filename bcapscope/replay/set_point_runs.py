@@ -1,4 +1,4 @@
-"""The set points of a script, as trajectories for the player's pre-flight check."""
+"""The set points of a `ReplayScript`, as trajectories for the player's pre-flight check."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ from bcapscope.protocol.tables.command_catalogue import command_parameter
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""The check assumes at least this time in s between two set points. No controller accepts a shorter time."""
+"""Shortest cycle time in s that the pre-flight check assumes. bcapscope knows no controller with a shorter
+cycle time (see `CYCLES` in `player.trajectory`).
+"""
 
 
 class UnreadableSetPointError(BcapError):

@@ -95,8 +95,8 @@ class _ControllerErrors:
 class ErrorListChecker(RuleChecker):
     """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    A refused call may complete after another client has already read the error. Therefore the checker also
-    compares each new refusal with the latest errors that clients read.
+    `on_call` may get a refused call after it got another client's call that read the error. Therefore the
+    checker also compares each new refusal with the latest errors that clients read.
     """
 
     def set_up(self) -> None:
@@ -145,8 +145,8 @@ class ErrorListChecker(RuleChecker):
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report the error `read.code` if this error explains the first refusal.
 
-        Clients read the newest error first, so errors that are read after the refusal's own code are older
-        than the refusal.
+        Clients read the newest error first. If clients read the code of the refused call and then read
+        further errors, these further errors are older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

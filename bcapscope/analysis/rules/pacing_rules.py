@@ -95,8 +95,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
         return
     grid_ms = session.timing.grid_ms
     keeps_grid = abs(pace.cycle_ms / grid_ms - 1) <= _TOLERANCE
-    # Skipped cycles matter only if the client sends at the controller's period. If the client sends faster
-    # and skips a cycle, the controller still gets enough set points.
+    # Skipped cycles matter only if the client sends one set point per period of the controller. If a client
+    # that sends faster skips a cycle, the controller still gets enough set points.
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:
@@ -146,7 +146,9 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points around the longest recent pause; None if a full buffer outlasts each pause."""
+    """Return the two successive recent set points with the longest pause between them. Return None if a full
+    buffer lasts at least as long as this pause, or if there are fewer than two recent set points.
+    """
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":
         points.append(call)

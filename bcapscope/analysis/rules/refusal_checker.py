@@ -84,7 +84,9 @@ def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """If `call` is a ClearError, return the number of the call with the uncleared error, if any; else ()."""
+    """If `call` is a ClearError, return the number of the call that reported the error to clear. Return () if
+    `call` is another command, or if no error is known.
+    """
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 

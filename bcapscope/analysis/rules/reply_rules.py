@@ -296,8 +296,9 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether the controller answered a set point late because the buffer had no room.
 
-    The controller waits for room only in modes in which the controller sets the pace. DENSO recommends a
-    timeout of 2 ms for these modes, so the client retries during this wait. These retries do no harm.
+    The controller waits for room only in modes in which the controller sets the pace. In these modes, DENSO
+    recommends a client timeout of 2 ms. Therefore the client retries while the controller waits for room.
+    These retries do no harm.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -316,7 +317,9 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the last attempt before `reply` with its serial; the call's request if there is none."""
+        """Return the last attempt that has the same serial as `reply` and was sent before `reply`. If there
+        is no such attempt, return the call's request.
+        """
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 

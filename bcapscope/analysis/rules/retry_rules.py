@@ -70,7 +70,7 @@ class RetryChecker(RuleChecker):
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
         if skipped_serials(first.item.serial, second.item.serial):
-            return  # an attempt between these two was not captured
+            return  # the capture lacks an attempt between `first` and `second`
         waited = second.time - first.time
         if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}

@@ -1,4 +1,4 @@
-"""The base class of all checkers, and the classes for problems and for reasons of refusals."""
+"""The base class of all checkers, the class of reported problems, and the classes that describe refusals."""
 
 from __future__ import annotations
 
@@ -101,10 +101,10 @@ class RuleChecker:
     holds data about each client until the client is dropped from memory.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). If the value is
-            False, `on_call` gets no set point of a series (see `AlikeSetPoints`), because a capture can
-            contain millions of set points. If the value is True, `on_call` may get many set points of a
-            series before bcapscope updates the `ClientState`.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). If False, `on_call`
+            gets no set point of a series (see `AlikeSetPoints`), because a capture can contain millions of
+            set points. If True, `on_call` may get many set points of a series before bcapscope updates the
+            `ClientState`.
     """
 
     needs_every_set_point: ClassVar[bool] = False

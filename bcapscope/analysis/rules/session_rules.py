@@ -43,7 +43,9 @@ from bcapscope.traffic.observation import Transport
 
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""If the controller answers an attempt within this time in ns, the call took long because of packet loss."""
+"""If the controller answered an attempt within this time in ns, the controller was not slow. The call took
+long only because earlier attempts or their replies were lost.
+"""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND

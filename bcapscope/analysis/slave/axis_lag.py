@@ -15,7 +15,9 @@ _ROWS_AT_ONCE = 256
 """Maximum number of set points that one call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the largest to the smallest sum of squared errors. Below this ratio, no lag is given."""
+"""`AxisLag` computes one sum of squared errors for each lag that it tries. It returns the best lag only if
+the largest sum is more than this many times the smallest sum.
+"""
 
 
 class AxisLag:

@@ -5,18 +5,20 @@ The model is a prediction, not an observation. It assumes:
 - The controller takes the first set point from the buffer as soon as this set point arrives, and then takes
   one set point per period (8 ms).
 - A set point reaches the controller at the time when the answered attempt was captured. If no attempt was
-  answered, the time of the first attempt counts. The network delay is ignored, because it is nearly the same
-  for all set points.
+  answered, the set point reaches the controller when its first attempt was captured. The network delay is
+  ignored, because it is nearly the same for all set points.
 - The controller does not put a refused set point into the buffer.
 - The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the model
   uses the result codes of captured replies as corrections. S_BUF_FULL means that the buffer is full. In modes
   in which the controller sets the pace, a set point is in the buffer before its reply arrives.
 
-A capture does not show at which moment of a period the controller takes set points. The model assumes the
-earliest possible moment, so the real deadlines may be up to one period later. A set point that misses the
-model's deadline by at most one period counts as a possible underflow; a later set point counts as a predicted
-underflow. The model predicts an overflow only if the buffer would be full no matter when in a period the
-controller takes set points. The module `bcapscope.protocol.slave_mode.modes` names the sources.
+A capture does not show at which moment of a period the controller takes set points. The model assumes that
+the controller takes each set point at the earliest possible moment. The real controller may take the set
+points up to one period later. Therefore a set point that misses the model's deadline by at most one period
+counts as a possible underflow. A later set point counts as a predicted underflow. The model predicts an
+overflow only if the buffer would be full for every possible moment at which the controller takes set points.
+
+The module `bcapscope.protocol.slave_mode.modes` names the sources.
 """
 
 from __future__ import annotations
@@ -113,8 +115,9 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return how long a full buffer lasts without a new set point, ms: one period per slot. A buffer with one
-    slot lasts two periods, because the controller meanwhile executes the previous set point.
+    """Return the time in ms for which a full buffer lasts without a new set point: one period per slot. For a
+    buffer with one slot, this time is two periods, because the controller first executes the previous set
+    point, which has already left the slot.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -226,7 +229,9 @@ class BufferModel:
         return slacks
 
     def _add_underflow(self, rows: SetPointTable, index: int, empty_at: int, moving: bool | None) -> int:
-        """Record an underflow at time `empty_at`; return the time when the buffer will be empty again."""
+        """Record that the controller needed the set point of row `index` at the time `empty_at`, but this set
+        point arrived later. Return the time after the arrival when the controller next needs a set point.
+        """
         late = int(rows.arrivals[index]) - empty_at
         missing = (late - 1) // _PERIOD + 1
         self._excess_ns = 0

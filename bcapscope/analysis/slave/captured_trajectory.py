@@ -91,15 +91,17 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Appends the set points of completed calls to the list `ready`. The caller must empty this list."""
+    """Appends the set points of completed calls to the list `ready`. The extractor never removes set points
+    from `ready`, so the caller must empty `ready` regularly.
+    """
 
     def __init__(
         self,
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Create an extractor. `left_out` counts the set points that `is_selected` rejects, but no set point
-        of a client that `is_selected_client` rejects.
+        """Create an extractor. It ignores the set points of all clients that `is_selected_client` rejects.
+        For the other clients, `left_out` includes the set points that `is_selected` rejects.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client

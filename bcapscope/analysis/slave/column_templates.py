@@ -168,7 +168,9 @@ class ColumnReader:
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
-    """Yield the offset and the format of each number. The data of a VT_UI1 array counts as one number."""
+    """Yield the offset and the format of each number. All bytes of a VT_UI1 array count as one number with a
+    format such as `16s`, because bcapscope decodes the array into one `bytes` value.
+    """
     for start, code, repeat in spans:
         if code == "s":
             yield start, f"{repeat}s"

@@ -69,7 +69,9 @@ class ControllerState:
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Add a session without set points. If there are too many, remove and return the oldest session."""
+        """Add a session without set points. If there were already `MAX_PENDING` of these sessions, remove and
+        return the oldest one.
+        """
         dropped = None
         if len(self.pending_sessions) >= MAX_PENDING:
             dropped = self.pending_sessions.pop(next(iter(self.pending_sessions)))
@@ -86,7 +88,10 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return and reset `unanswered_entry`. A set point has shown that this call succeeded."""
+        """Return the slvChangeMode call in `unanswered_entry`, if any, and set `unanswered_entry` to None.
+        Call this method when a set point begins a session: the set point shows that this slvChangeMode call
+        succeeded.
+        """
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

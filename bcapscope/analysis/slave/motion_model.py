@@ -311,8 +311,8 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        # An outlier has two steps: away from the path, and back to the path. A step that counts as a jump of
-        # another kind cannot be the step back.
+        # An outlier is a set point away from the path. It has two steps: one to this set point, and one back
+        # to the path. If either step is an implausible or isolated jump, the set point is no outlier.
         counted[:-1] |= counted[1:]
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])

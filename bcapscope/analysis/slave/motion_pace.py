@@ -1,7 +1,8 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
-A cycle from one set point to the next counts only if the robot moves to both set points, because a client may
-slow down while the robot stands still. A cycle after a retried or unanswered set point does not count.
+A cycle is the time from one set point to the next. A client may slow down while the robot stands still.
+Therefore the pace includes a cycle only if both of its set points move the robot. The pace does not include a
+cycle after a retried or unanswered set point.
 """
 
 from __future__ import annotations

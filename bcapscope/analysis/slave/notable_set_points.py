@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_LISTED = 64
-"""Maximum length of each list of notable set points. Most lists contain the first such set points."""
+"""Maximum length of each list of notable set points, such as the refused ones. If a session has more, most
+lists contain only the first ones.
+"""
 
 
 class SetPointFact(NamedTuple):

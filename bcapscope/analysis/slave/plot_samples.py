@@ -64,7 +64,9 @@ class PlotSampler:
         ones = np.ones(len(times))
         head = np.column_stack((times, frames, ones, cycles, cycles, latencies, slacks))
         rows: Floats = np.hstack((head, *poses))
-        into = -self._total % self._length  # number of new rows that belong to the previous sample
+        # The newest sample may contain fewer than `_length` set points. Then it takes the first `into` of the
+        # new rows.
+        into = -self._total % self._length
         starts = np.arange(into, len(rows), self._length)
         if into:
             starts = np.concatenate(([0], starts))

@@ -13,9 +13,9 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class SelectedSlaveSessions(PipelineSubscriber):
-    """Finds the slave-mode sessions with set points that `is_selected` accepts. `is_selected` tests only set
-    points, because other calls may begin or end a session. If `is_selected` is None, all sessions
-    are found.
+    """Finds the slave-mode sessions that contain set points which `is_selected` accepts. The found sessions
+    contain no other set points. `is_selected` does not test other calls, because the class needs all of them
+    to find where sessions begin and end. If `is_selected` is None, the class finds all sessions.
     """
 
     def __init__(

@@ -131,7 +131,9 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the facts about the processed set points. The set points in `batch` are left out."""
+        """Return the session with the figures of all processed set points. The figures do not include the set
+        points that are still in `batch`.
+        """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )

@@ -56,7 +56,9 @@ MAX_SESSIONS = 64
 """Maximum number of open sessions. A further session ends the session that was silent longest."""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended sessions that are held back. If there are more, the oldest session is returned."""
+"""Maximum number of ended sessions that are held back (see `HOLD_BACK_NS`). If a further session ends, the
+detector returns the oldest one at once.
+"""
 
 MAX_CONTROLLERS = 64
 
@@ -346,7 +348,9 @@ def _call_end(call: Call) -> int:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return how a session ended. If its set points do not show what ended it, search other recent calls."""
+    """Return how a session ended. If the session's own calls do not show what ended slave mode, search the
+    recent calls of all clients of the controller for the cause.
+    """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_

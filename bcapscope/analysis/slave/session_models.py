@@ -158,7 +158,9 @@ class SessionModels:
         return ((), 0) if self._slicer is None else self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Return how many attempts before each set point were not captured, according to skipped serials."""
+        """For each set point, return how many attempts between this set point and the previous set point were
+        not captured. Skipped serials show these attempts.
+        """
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))

@@ -57,7 +57,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points. `cycles` and `slacks` are in ms; NaN if unknown. A set point with a time before the
+        """Add set points with their cycle times and slacks (see `BufferFacts.smallest_slack_ms`) in ms; NaN
+        if unknown. A slice that has ended does not change. Therefore a set point with a time before the
         current slice counts in the current slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)

@@ -89,8 +89,8 @@ class SetPointBatch:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
             frame of unusual size.
-        other_attempts: Number of attempts of the client's other calls between a set point and the previous
-            set point; the key is the set point's index. Indexes without such attempts are missing.
+        other_attempts: Number of attempts of the client's other calls since the previous set point. The key
+            is the index of a set point. If the number is 0, there is no key.
     """
 
     def __init__(self) -> None:

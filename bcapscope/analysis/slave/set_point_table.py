@@ -23,8 +23,9 @@ class SetPointTable:
 
     Attributes:
         origin: Time from which all times in the table are counted, in ns since 1970.
-        arrivals: Time of each answered attempt. Without a captured reply, the time is that in `times`.
-        replies: Time of each accepted reply. Without a captured reply, the time is that in `times`.
+        times: Time of each set point's request, which is its first captured attempt.
+        arrivals: Time of each answered attempt. If no reply was captured, this is the time of the request.
+        replies: Time of each accepted reply. If no reply was captured, this is the time of the request.
         open: Whether a set point without a captured reply may have been answered: the capture ended before
             the reply, or the call was evicted from memory.
         codes: HRESULT of each reply; 0 if no reply was captured.

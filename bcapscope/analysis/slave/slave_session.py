@@ -97,8 +97,8 @@ class ExitReason(StrEnum):
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """A call other than a set point failed with an error that ends slave mode. After this error, the
-    controller refused a set point because slave mode was off.
+    """A call other than a set point failed with an error that ends slave mode. Later, the controller refused
+    a set point because slave mode was off.
     """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""

@@ -37,7 +37,9 @@ OTHER_KINDS = CallKind(0, None)
 """Stands for all call kinds that are not counted separately. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Stands for the client in all pairs of client and call kind that appear after 2 * `MAX_KINDS` pairs."""
+"""Stands for several clients whose calls are counted together. After `2 * MAX_KINDS` pairs of client and call
+kind, the calls of all further pairs count as calls of `OTHER_CLIENTS`.
+"""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000

@@ -65,7 +65,9 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution of all values, binned or pending. Leave this histogram unchanged."""
+        """Return the distribution of all values, including the values in `_pending`, which are not yet
+        counted in bins. Leave this histogram unchanged.
+        """
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())
