@@ -94,7 +94,9 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
 
     def i2repr_one(self, pkt: Packet | None, x: Any) -> str:
-        """Return the name, or "None" for the function of a reply and the result code of a request."""
+        """Return the name of the function or result code. Return "None" if the frame has no such field: a
+        reply has no function, and a request has no result code.
+        """
         if isinstance(pkt, BCAP) and pkt.is_response is not (self.name == "hresult"):
             return "None"
         return self._name_of(x) if isinstance(x, int) else repr(x)

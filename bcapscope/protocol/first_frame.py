@@ -7,7 +7,8 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
-"""A longer first frame counts as complete after this number of bytes. Frames that open a session are shorter.
+"""A longer first frame counts as complete after this number of bytes. Frames that open a session are shorter
+than this limit.
 """
 
 _LONGEST_STOP = 1024

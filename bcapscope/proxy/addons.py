@@ -146,7 +146,9 @@ class AddonRunner(PipelineSubscriber):
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def execute(self, order: ScriptOrder) -> ScriptAnswer:
-        """Handle an order, and return the answer of the add-ons. An unknown client raises a `KeyError`."""
+        """Carry out an order of the proxy, and return the add-ons' answer. Raise a `KeyError` if the order
+        names an unknown client.
+        """
         pipeline = self._pipeline
         match order:
             case MessageShown():

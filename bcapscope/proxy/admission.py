@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay_session import RelaySession
 
 MAX_CLIENTS = 256
-"""Maximum number of clients per transport. DENSO's C server has 20 (orin_bcap
+"""Maximum number of clients per transport. DENSO's C server accepts 20 clients per transport (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
@@ -26,17 +26,18 @@ remain for other addresses are enough for the clients of three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for clients that begin with a stop. If these slots are full, a new
-client that begins with a stop replaces the oldest client in these slots.
+"""Number of additional slots per transport, reserved for clients that begin with a stop. If all reserved
+slots are occupied, the next such client replaces the client that has held a reserved slot longest.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns after which the proxy may evict one more fresh client. A fresh client has sent only one
-datagram. This limit keeps the cost low if many datagrams arrive from new UDP ports.
+"""A fresh client is a client that has sent only one datagram. After a burst of `REPLACE_BURST` evictions, the
+proxy may evict one fresh client per this time in ns. This limit keeps the cost low if many datagrams arrive
+from new UDP ports.
 """
 
 REPLACE_BURST = 64
-"""Maximum number of fresh clients that the proxy may evict without waiting in between."""
+"""Maximum number of fresh clients that the proxy may evict without waiting for `REPLACE_INTERVAL_NS`."""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
 
@@ -104,12 +105,14 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if no client has one."""
+        """Disconnect the client that has held a reserved slot longest. Return False if no client holds a
+        reserved slot.
+        """
         return _evict(next(iter(self._reserved.values()), None))
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict one client, only from the network `source` if `source` is not None. Return False if the proxy
-        must not evict any client.
+        """Evict one client of the network `source`, or of any network if `source` is None. Return False if
+        the proxy must not evict any of these clients.
         """
         return _evict(self._oldest_replaceable(source, now) or self._longest_idle(source, now))
 
@@ -131,7 +134,10 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client; None if no client is fresh or the proxy must not evict now."""
+        """Return the first fresh client of the network `source`, or of any network if `source` is None. A
+        fresh client has sent only one datagram. Return None if no client is fresh, or if the proxy has just
+        evicted too many fresh clients (see `REPLACE_BURST`).
+        """
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

@@ -59,7 +59,8 @@ class ControlClient:
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except ConnectionError as error:  # an open connection ended: `connect_control` raises no such error
+        except ConnectionError as error:
+            # The connection was open before: if it cannot be opened, `connect_control` raises `ControlError`.
             raise self._close_with_error("control.ended") from error
         except OSError as error:
             raise self._close_with_error("control.failed", reason=os_reason(error)) from error

@@ -133,7 +133,9 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> Message:
-        """Reason of the rejection. A program that is not a proxy may send no reason or an invalid reason."""
+        """Reason of the rejection. If `message` is missing or invalid, for example because a program other
+        than the proxy sent the response, the reason is the text of `error`.
+        """
         try:
             if self.message is not None:
                 return message_from_data(self.message)
@@ -172,7 +174,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 class ClientStatus(msgspec.Struct, frozen=True):
     """A client of the proxy. `up` counts datagrams from the client, and `down` datagrams from the controller.
-    Over TCP, both count the proxy's reads. The time of an event is None if the event never happened.
+    Over TCP, `up` and `down` count how often the proxy has read bytes from the client and from the
+    controller. The time of an event is None if the event never happened.
     """
 
     number: JsonCount

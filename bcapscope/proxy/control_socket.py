@@ -146,7 +146,9 @@ def is_tcp_address(address: str) -> bool:
 
 
 def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
-    """Connect to the control socket of a proxy. If no proxy listens there, raise a `ControlError`."""
+    """Connect to the control socket of a proxy. Raise a `ControlError` if the connection fails, for example
+    because no proxy listens on `address`.
+    """
     try:
         if is_tcp_address(address):
             return socket.create_connection(parse_endpoint(address), timeout)

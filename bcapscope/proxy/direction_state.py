@@ -71,7 +71,9 @@ class DirectionState:
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits for the scripts. `decision` also covers other data that arrived with it."""
+    """A message that waits for the scripts. `decision` is the decision about all data that arrived together
+    with the message.
+    """
 
     message: WireMessage
     state: DirectionState

@@ -29,7 +29,9 @@ HOLD_TIME_NS = 60_000_000_000
 """Default time in ns for which the proxy holds a message: long enough to edit it."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""All attempts of one UDP call, or all replies to these attempts. The user decides once for all of them."""
+"""All attempts of one UDP call, or all replies to these attempts. A decision of the user about one of these
+messages applies to all of them.
+"""
 
 
 @dataclass(eq=False, slots=True)
@@ -62,8 +64,8 @@ class HeldMessage:
 
         A motion is dangerous if it starts long after the client reported a failure to its user. A client
         makes one call at a time, so the client no longer waits after a new request or the end of its stream.
-        The same applies to a UDP client without a retry within `RETRY_WITHIN_NS`. On TCP, clients never
-        retry.
+        A UDP client also no longer waits if it has sent no retry for `RETRY_WITHIN_NS`. Over TCP, clients
+        never retry.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because

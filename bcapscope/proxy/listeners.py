@@ -38,4 +38,4 @@ def open_listeners(
                 listener.release()
             if spec.listen.port or spec.transports != BOTH or not last:
                 raise
-    raise AssertionError("the loop must return listeners or raise an exception")
+    raise AssertionError("the last try must return listeners or raise an exception")

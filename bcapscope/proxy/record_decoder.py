@@ -33,7 +33,9 @@ from bcapscope.traffic.observation import (
 )
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation (number 0 on the controller's side), and what a proxy rule did to the message."""
+"""An observation, and what a proxy rule did to the message; None if no rule affected the message. Only
+observations of the client's side are numbered, so observations of the controller's side have the number 0.
+"""
 
 _offset = itemgetter(0)
 
@@ -61,8 +63,9 @@ class _DirectionStream:
 
 
 class _Client:
-    """A client. `streams` maps True to the streams of requests, and False to the streams of replies. If a
-    list has two streams, the first stream is on the sender's side.
+    """A client. `streams[True]` lists the streams of requests, and `streams[False]` the streams of replies. A
+    list has one stream, on the client's side, or a stream on each side of the proxy. If a list has two
+    streams, the stream on the sender's side comes first.
     """
 
     def __init__(
@@ -100,9 +103,9 @@ class _Client:
 
 class RecordDecoder:
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Before observations of the controller's side, call `join_legs` with the client's conversation on
-        the client's side and on the controller's side. If `join_legs` is None, never decode the controller's
-        side.
+        """Create a decoder. Before it decodes the controller's side of a client's traffic, it calls
+        `join_legs` with two conversations: client to proxy, and proxy to controller. If `join_legs` is None,
+        the decoder never decodes the controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs

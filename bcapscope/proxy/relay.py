@@ -35,7 +35,9 @@ _LONGEST_NOTE = 4096
 """Maximum size in bytes of a note of a proxy rule."""
 
 _LONGEST_CUT_NOTE = 600
-"""Number of characters that the relay keeps of a longer note. A character takes at most six bytes."""
+"""If an encoded note is longer than `_LONGEST_NOTE`, the relay keeps only this many characters of its text.
+In the encoded note, which is JSON, a character takes at most six bytes.
+"""
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A UDP

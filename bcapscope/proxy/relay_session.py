@@ -65,7 +65,10 @@ class RelaySession(ABC):
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send held messages that the rules release. Then close the session; `reset` sends an RST."""
+        """First send the held messages that the rules release, then close the session. With `reset`, TCP
+        connections end with an RST, but not the connection to the controller if held requests were sent to
+        it.
+        """
 
 
 class ClientListener(ABC):
@@ -91,7 +94,7 @@ class ClientListener(ABC):
         self.relay.unwatch(self.socket.fileno())
 
     def release(self) -> None:
-        """Close the socket after `close`, when no session is left."""
+        """Close the listener's socket. Call this method after `close`, when no session uses the listener."""
         self.socket.close()
 
     def sweep(self, now: int) -> None:  # noqa: B027 - not every listener has periodic work

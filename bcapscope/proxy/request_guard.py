@@ -117,8 +117,8 @@ class RequestGuard:
 
         The guard refuses a damaged frame if it would refuse one of the frame's possible interpretations. To
         find the end of an argument, a controller may decode the argument's value, as orin_bcap's C, C#, Java
-        and Python code does, or read the argument's length field, as the older C client does. No controller
-        takes bytes inside the value of an argument for a frame.
+        and Python code does, or read the argument's length field, as the older C client does. Every
+        controller reads the bytes of an argument's value as data, and never looks for a frame in them.
         """
         if _only_stops(request):
             return None
@@ -167,9 +167,9 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers read a frame in the same way: either as compressed, or as plain.
 
-    Where a compressed frame has its zlib header, a plain frame has its number of arguments. As a number of
-    arguments, a zlib header means 376 or more. A frame that is too short for this number of arguments can
-    only be a compressed frame.
+    The two bytes at offset 13 are the zlib header of a compressed frame, or the number of arguments of a
+    plain frame. The bytes of a zlib header, read as a number, give at least 376. A frame that is too short
+    for this number of arguments can only be a compressed frame.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

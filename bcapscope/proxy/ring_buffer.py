@@ -1,8 +1,9 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
-the record is lost and counted. The processor may store the new write position before the record itself, so a
-reader leaves a new record in the ring until the next poll.
+the record is lost and counted. A reader may see the new write position before it sees all bytes of the new
+record, because the processor may reorder the two writes. So a reader leaves a new record in the ring until
+the reader's next poll.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ _HEADER_SIZE = 4096
 """Size in bytes of the header, which holds the positions in the ring, `urgency`, `counts` and `figures`."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes after the ring. A record near the end of the ring extends into these bytes and is not
-split. `RING_OVERHEAD` is a multiple of every page size, because systems round shared memory up to pages.
+"""Size in bytes of the margin: memory after the end of the ring, so that a record near the end need not be
+split. The ring accepts no record that is larger than the margin. `RING_OVERHEAD` is a multiple of every page
+size, because systems round shared memory up to pages.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
@@ -125,7 +127,9 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
 
 
 class _Hole(NamedTuple):
-    """Numbers of missing bytes of one direction, and the times in ns of the last missing bytes."""
+    """How many received and how many sent bytes of one direction are missing, and the times in ns at which
+    the last missing bytes were received and sent.
+    """
 
     received: int = 0
     sent: int = 0
@@ -179,7 +183,8 @@ class RingWriter(_Ring):
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams to which the relay appends until it calls `flush`.
-        streams: Numbers of the TCP clients. Their bytes leave a hole if the ring is full.
+        streams: Numbers of the TCP clients. If the ring is too full for the bytes of such a client, a `HOLE`
+            record later says how many bytes are missing.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -375,8 +380,10 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return at most `limit` records. A record that may still be incomplete stays in the ring until the
-        next call. With `until`, stop at this position, up to which the other reader has read.
+        """Return at most `limit` records. Without `until`, return only records that an earlier call of this
+        method saw in the ring, because newer records may be incomplete. With `until`, return the records
+        before this position. Pass the `position` of the watcher's other reader, which has already read
+        these records.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -36,8 +36,9 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 _LONGEST_JOINED = 1 << 16
-"""Maximum size in bytes of the stream data that the policy joins into one `SendAction`. Each join copies all
-bytes, and the ring limits the size of a record (see `_MARGIN` in `ring_buffer`).
+"""Maximum size in bytes of the stream data that the policy joins into one `SendAction`. Without a limit,
+joining would be slow, because each added piece copies all previous bytes. Also, the ring loses a record that
+is too large (see `_MARGIN` in `ring_buffer`).
 """
 
 
@@ -207,8 +208,8 @@ class RulePolicy:
         return report_lines(self)
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply the decisions in `data` from the scripts' process. If `data` is empty, the process has ended.
-        `pop_due_actions` returns the resulting actions.
+        """Apply the decisions in `data`, which the scripts' process has sent. Empty `data` means that the
+        scripts' process has ended. `pop_due_actions` returns the resulting actions.
         """
         if self.scripts is not None:
             decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)

@@ -38,8 +38,8 @@ def report_lines(rules: RulePolicy) -> list[Message]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the most frequent names of the lost requests, with a count for each name. All bytes that are not
-    a frame have the same name.
+    """Return the most frequent names of the lost requests, with a count for each name. Items of `lost` that
+    are bytes, not frames, are counted together under the name of the message `rules.lost.bytes`.
     """
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED

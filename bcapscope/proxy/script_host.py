@@ -66,7 +66,10 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Limit the memory of this process. Make the process report its script line and end with the proxy."""
+    """Limit the memory of this process. On Linux, let the system kill this process when the proxy ends. If
+    `traces` is not None, write the script line that is being executed to this file descriptor after a SIGUSR1
+    signal or a crash.
+    """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # the proxy had already ended before prctl took effect

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from bcapscope.proxy.rule_policy import RulePolicy
 
 DEFAULT_MEMORY_MB = 512
-"""Megabytes that the process of the scripts may allocate by default. Python needs 20 MB. NumPy with its
-threads needs 200 MB on a machine with 4 processors, and more with more processors.
+"""Default memory limit of the scripts' process in megabytes. Python needs 20 MB. NumPy with its threads needs
+200 MB on a machine with 4 processors, and more with more processors.
 """
 
 LOADS_WITHIN = 30.0
@@ -172,8 +172,9 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """Kill the process. Return the reason if the process had already ended, and the last script line if
-        this line is known.
+        """Kill the process. Return up to two messages for the user. If the process had already ended, the
+        first message says why. If the script line that was executed last is known, another message names this
+        line.
         """
         code = self._exit_code()
         self._kill()
@@ -181,8 +182,9 @@ class ScriptProcess:
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send `frame`, which tells the scripts to finish. Pass received bytes to `is_done` until `is_done`
-        returns True. Return False if this takes longer than `FINISHES_WITHIN`.
+        """Send `frame`, a packed `FinishScripts` order. Pass received bytes to `is_done` until `is_done`
+        returns True. Return False if the process ends before that, if a signal interrupts the shutdown, or
+        after `FINISHES_WITHIN`.
         """
         self._unwatch()
         self.send(frame)

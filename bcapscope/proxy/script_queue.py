@@ -62,7 +62,9 @@ scripts too.
 """
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""After switching the scripts off, the proxy waits this time in ns for a report of the script line."""
+"""After switching the scripts off, the proxy waits this time in ns before it kills the scripts' process.
+During this time, the process can report the script line that it is executing.
+"""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
 """Minimum time in ns from one `ExpireCalls` order to the next."""
@@ -151,7 +153,10 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. The message waits for a decision unless `undecided` is None."""
+        """Pass a message to the scripts. If `undecided` is None, the scripts only see the message, which the
+        proxy forwards without their decision. Otherwise, `undecided` waits in the queue until the scripts
+        decide.
+        """
         up = message.flow.direction is Direction.REQUEST
         if undecided is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -243,7 +248,9 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Return the bytes of waiting messages of one direction. Ignore decisions about these messages."""
+        """For each message of `flow` that waits for a decision, return its data. From now on, ignore the
+        scripts' decisions about these messages.
+        """
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.undecided is not None and each.undecided.state.flow is flow:
@@ -286,7 +293,9 @@ class ScriptQueue:
             yield waiting.undecided, answer
 
     def _count(self, waiting: PendingOrder, sign: int) -> None:
-        """Count a message if the message waits for a decision. A `sign` of -1 subtracts the message."""
+        """Add a message to the counts and sizes of the messages that wait for a decision. With a `sign` of
+        -1, remove the message from them. If the message does not wait for a decision, do nothing.
+        """
         if waiting.undecided is not None:
             client = waiting.undecided.state.client
             self._counts[client] += sign

@@ -25,8 +25,8 @@ _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted. A new client beyond this limit must try again after
-a second, which is too late for a stop.
+"""Maximum number of TCP connections that wait to be accepted. If more clients connect at once, the others try
+again only after a second. This limit is high, because a second is too long for a client that sends a stop.
 """
 
 

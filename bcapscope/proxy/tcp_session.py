@@ -34,8 +34,8 @@ has ended or is blocked, a new client may replace the session's client after thi
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""A client counts as answered if the controller has sent bytes or a FIN after the client's FIN. After this
-idle time in ns, a new client may replace an answered client.
+"""If the client has sent a FIN, and the controller has sent bytes or a FIN after that, a new client may
+replace the session's client after this idle time in ns.
 """
 
 MAX_PENDING = 1 << 18
@@ -73,8 +73,8 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. `ends` are the sockets toward the client and toward the controller. The second
-        socket is still connecting. `first` are the client's first bytes, and their time of arrival in ns
+        """Register a client. `ends` are the socket toward the client, and the socket toward the controller,
+        which is not connected yet. `first` are the client's first bytes, and their time of arrival in ns
         since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
@@ -339,8 +339,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Close a socket that reported an error. End the session, unless a half-open fault hides the error
-        from the other end.
+        """Close the socket `half.source`, which reported an error. Then end the session, unless a half-open
+        fault hides the error: in this case, the connection to the other end stays open.
         """
         was_reset = problem in _RESETS
         if was_reset:

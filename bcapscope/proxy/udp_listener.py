@@ -176,8 +176,8 @@ class UdpSession(RelaySession):
         except OSError as error:
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
-            # The controller refused an earlier datagram. The system reported this refusal instead of sending
-            # `data`, so send `data` now.
+            # The controller refused an earlier datagram. The system reported that refusal only now, and did
+            # not send `data`. So send `data` again.
             self.notify_refused()
             sent_at = time.time_ns()
             try:

@@ -23,7 +23,7 @@ SMALLEST_ARGUMENT = 10
 """Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""Maximum number of elements to read from the number arrays, except UI1 arrays, of one frame."""
+"""Maximum number of elements to read from all number arrays of a frame together. UI1 arrays do not count."""
 
 MAX_VALUES = 2_048
 """Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. The
@@ -44,7 +44,8 @@ class Problem(NamedTuple):
     Attributes:
         offset: Offset in the frame's bytes.
         code: Short stable identifier for programs.
-        reason: One clause that says what is wrong. JSON and filters use the English text.
+        reason: One clause that says what is wrong. JSON and filters use the English text of
+            this clause.
     """
 
     offset: int
@@ -82,9 +83,9 @@ class ArgumentReader:
     An argument begins where the value of the previous argument ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore the length fields of arguments. The reader therefore only reports a length
     field that disagrees with the value. If the end of a value cannot be recognised, the reader reads this
-    value again, up to the end that the length field gives. After the first value without a recognisable end,
-    every length field limits the value of its argument. Two values never share a byte, and the reader reads
-    each byte at most twice.
+    value again, up to the end that the argument's length field gives. From then on, the reader relies on
+    length fields: it reads no value past the end that a plausible length field gives. Two values never share
+    a byte, and the reader reads each byte at most twice.
 
     The last element of `arguments` may be incomplete. `is_complete` is True if the start of every argument
     was found.

@@ -7,7 +7,9 @@ DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
 
 
 class ByteBudget:
-    """Limits the memory of several buffers. `held` is the total number of bytes in these buffers."""
+    """Limits how many bytes several buffers hold together. `held` is their present total; the owner of each
+    buffer adds its bytes to `held` and subtracts them from it.
+    """
 
     def __init__(self, limit: int = DEFAULT_BYTE_BUDGET) -> None:
         self.limit = limit

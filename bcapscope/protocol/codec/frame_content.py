@@ -118,8 +118,8 @@ def crc16(data: bytes) -> int:
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a frame at `pos` has a zlib header where a compressed body begins. The TCP client of
-    keioku/bcap-python unpacks every such frame, even if its reserved field is not 1.
+    """Return whether the frame at `pos` has a zlib header where a compressed body begins. The TCP client of
+    keioku/bcap-python unpacks every frame with this header, even if the reserved field of the frame is not 1.
     """
     return (
         data[pos + _ZLIB_BODY] & 0x8F == 8

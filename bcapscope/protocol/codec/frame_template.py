@@ -16,15 +16,17 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""How to fill a template that replaces the numbers of only one argument: the arguments before this argument,
-the function that replaces the numbers, this argument, and the arguments after this argument.
+"""How to fill a template if only one argument has numbers that vary. The fields are the arguments before this
+argument, the function that inserts the numbers, this argument, and the arguments after it.
 """
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Size in bytes of the largest frame that gets a template. Longer frames are rare."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates. When it is reached, `FrameTemplates` forgets all templates."""
+"""Maximum number of templates. If there are this many, `FrameTemplates` forgets all before it learns a new
+one.
+"""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` keeps for one frame length."""
@@ -101,7 +103,9 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a matching frame. `numbers` are the numbers in this frame, in order."""
+        """Return the arguments of a matching frame. `numbers` are what `FrameTemplates.decode` returned for
+        this frame: the numbers that vary between frames of this template, in order.
+        """
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
@@ -168,14 +172,18 @@ class FrameTemplates:
 
 
 def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
-    """Return the positions of all numbers except a handle. These numbers vary between similar frames."""
+    """Return the positions of the numbers that may vary between similar frames: all numbers in the arguments,
+    but not in the first of several arguments, which usually is a handle.
+    """
     arguments = content.arguments
     first = arguments[0].stop if len(arguments) > 1 else 0
     return tuple(span for span in content.number_spans if span.repeat and span.start >= first)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Return how many numbers each argument holds; 0 for a handle that precedes other arguments."""
+    """Return how many numbers of each argument may vary between similar frames. For the first of several
+    arguments, which usually is a handle, the count is 0.
+    """
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 
@@ -221,7 +229,7 @@ def _fill_scalar(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_row(variant: Variant, numbers: FrameNumbers) -> Variant:
     vt, _, elements = variant
-    # much faster for set points than Variant(...)
+    # For the number array of a set point, `tuple.__new__` is much faster than `Variant(...)`.
     return tuple.__new__(Variant, (vt, numbers, elements))
 
 

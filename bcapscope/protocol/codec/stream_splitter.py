@@ -29,8 +29,9 @@ LARGEST_GARBAGE = 64 * 1024
 """Maximum size in bytes of a piece of garbage: bytes that belong to no frame."""
 
 GUARANTEED_BUFFER = 16 * 1024
-"""Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB, so no such frame is lost if other connections use up the budget.
+"""Number of bytes of an unfinished frame that a splitter keeps even if the splitters of all connections
+together exceed their `ByteBudget`. Frames of real sessions are below 10 KiB, so a splitter can always keep
+such a frame until it is complete.
 """
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
@@ -47,7 +48,9 @@ _TAILS = (1, 2, 3)
 
 
 class StreamPiece(NamedTuple):
-    """A frame, or bytes between frames. The offsets `start` and `stop` in the stream count missing bytes."""
+    """A frame, bytes between frames, or a gap. `start` and `stop` are offsets in the original stream, so
+    missing bytes count too.
+    """
 
     start: int
     stop: int
@@ -70,8 +73,9 @@ class StreamSplitter:
 
     Every byte of the stream is in exactly one piece, in order. A splitter holds at most as many bytes as the
     largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED`. Splitters with a shared budget together
-    hold no more than the budget, plus `GUARANTEED_BUFFER` for each splitter. If the budget is exceeded, a
-    splitter that holds more than `GUARANTEED_BUFFER` returns its unfinished bytes.
+    hold no more than the budget, plus `GUARANTEED_BUFFER` for each splitter. While the budget is exceeded, a
+    splitter does not wait for the rest of a long frame: if `feed` leaves more than `GUARANTEED_BUFFER` bytes
+    in the buffer, it returns these bytes at once.
     """
 
     def __init__(

@@ -105,8 +105,9 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
 
 
 def _is_in_envelope(problem: Problem, frame: Frame) -> bool:
-    """Return whether the offset of a problem refers to `Frame.raw`. Only the compressed bytes of a frame have
-    problems from offset 9 to the end of the header.
+    """Return whether a problem of a compressed frame concerns its compressed bytes. Apart from the external
+    problem, only such problems have offsets from 9 to the end of the header. These offsets refer to
+    `Frame.raw`, while the offsets of problems in the arguments refer to the unpacked body.
     """
     return 9 <= problem.offset < HEADER_SIZE and problem is not frame.external_problem
 
@@ -173,11 +174,15 @@ class _FieldBuilder:
         return FrameField(name, start, stop, value, vt, text, unit, found, children)
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems at offsets `start` to `stop` - 1, except a truncation of the previous field."""
+        """Return the problems at offsets `start` to `stop` - 1. A truncation of the argument that ends at
+        `start` also has the offset `start`, but belongs to that argument, and is not returned.
+        """
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems with sort keys (see `_doubled_place`) from `first` to `behind` - 1."""
+        """Return each problem whose sort key is from `first` to `behind` - 1. For the key, see
+        `_doubled_place`.
+        """
         placed = self._placed
         if not placed:
             return ()
@@ -259,8 +264,9 @@ class _FieldBuilder:
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return a sort key for a problem: twice its offset, minus 1 for a truncated argument. A truncation
-    belongs to the truncated argument, although its offset is where the next argument begins.
+    """Return a sort key for a problem: twice its offset, or one less if the problem truncates an argument.
+    Such a problem has the offset at which the next argument begins, but the lower key assigns the problem to
+    the truncated argument.
     """
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off

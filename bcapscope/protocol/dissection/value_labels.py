@@ -28,9 +28,10 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Return a label with the names of the elements in slvMove's parameter or result. Earlier calls chose the
-    formats and the slave mode, so names may be guessed from the number and types of the elements. The label's
-    `text` says whether the names are guessed.
+    """Return a label with the names of the elements in slvMove's parameter or result. The names depend on the
+    formats and on the slave mode, which earlier calls selected. This function does not know these calls, so
+    it guesses the names from the number and types of the elements. The label's `text` says whether the names
+    are guessed.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_part_labels(found._asdict()))

@@ -21,14 +21,16 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of stored replies (over UDP, at most 503 bytes each). Only late retries need more than one reply."""
+"""Number of stored replies (over UDP, at most 503 bytes each). Clients retry only their latest call, so more
+than one reply is needed only for retries that arrive after a newer call.
+"""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
-"""The serial of a delayed attempt is less than this number behind its call's newest serial. Known clients
-send at most 8 attempts per call, except for one client that retries without end.
+"""An attempt counts as delayed only if its serial is lower than the newest serial of its call by less than
+this number. Known clients send at most 8 attempts per call, except for one client that retries without end.
 """
 
 
@@ -96,9 +98,9 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return whether every call newer than `call` has its newest serial outside the range from `call.newest`
-    to `serial`. `calls` lists the newest call first. The serials of older calls do not matter, because these
-    calls may come from an earlier program.
+    """Return whether an attempt with `serial` may belong to `call`. This is impossible if the newest serial
+    of a newer call is in the range from `call.newest` to `serial`. `calls` lists the newest call first. Calls
+    that are older than `call` do not matter, because an earlier program on the same port may have made them.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -143,9 +145,9 @@ class Responder:
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
     ) -> None:
-        """Start with a client that has sent no request yet. `expects_retries` is False for TCP, where every
-        request is a new call. The responder stores the latest `remembered` replies. A reply has at most
-        `largest_answer` bytes.
+        """Create a responder for a client that has sent no request yet. `expects_retries` is False for TCP,
+        where every request is a new call. The responder stores the latest `remembered` replies. A reply has
+        at most `largest_answer` bytes.
         """
         self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries
@@ -208,7 +210,9 @@ class Responder:
         return raw
 
     def abandon_call(self) -> None:
-        """End the running call without a reply. Later retries of this call get no reply."""
+        """End the running call without a reply. If the client retries this call, `receive_request` returns
+        `RUNNING`, so the retry gets no reply either.
+        """
         call = self._running
         assert call is not None, "no call is being executed"
         self._running = None
@@ -232,7 +236,9 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call's serials and contents to the known keys. If the set is full, first remove old keys."""
+        """Add a call's serials and contents to `_known_keys`. If `_known_keys` is full, first remove the keys
+        of forgotten calls.
+        """
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -265,8 +271,8 @@ class Responder:
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # After serial 65535, a retry of the old C client may have serial 0. The next attempt then has 0 in
-        # its reserved field.
+        # After serial 65535, a retry of the old C client may have serial 0. In this case, the next attempt
+        # has serial 1 and, as the serial of the previous attempt, 0 in its reserved field.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -285,8 +291,9 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls of an earlier program, because the client has used `serial` for a second call.
-        Keep newer calls with lower serials, because the restarted program made these calls and may retry.
+        """Forget the calls of an earlier program on the client's port. Two different calls have used
+        `serial`, so the second call comes from a new program. Keep the calls that are newer than the first of
+        the two and have serials lower than `serial`: the new program made these calls, and may retry them.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()

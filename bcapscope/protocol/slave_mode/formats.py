@@ -109,7 +109,10 @@ class ReceiveFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. The driver combines mini and user I/O only in 0x340."""
+        """Whether DENSO's ROS driver knows this format. If a format has both mini I/O and user I/O, the
+        driver knows it only if it also has the motor current, and nothing else besides poses: 0x340, plus the
+        digit of the poses.
+        """
         both = self.mini_io and self.user_io
         return not self.other and (not both or int(self) & ~_POSE_BITS == 0x340)
 

@@ -1,6 +1,6 @@
 """Slave modes: the meaning of slvChangeMode's number, which depends on the controller's generation.
 
-For example, 0x001 selects Sync on RC7. On RC8, 0x001 selects mode 0, which behaves differently from Sync.
+For example, the number 0x001 selects Sync on RC7, but mode 0 on RC8. The two modes behave differently.
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
 ShoheiKobata/orin_bcap_python_samples (table of slave modes) and DENSORobot/denso_robot_ros2 denso_robot_core
 (RC8 and later).

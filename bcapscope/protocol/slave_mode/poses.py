@@ -94,7 +94,9 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values. The last value may be a number from the ROS driver."""
+    """Guess the pose type from the number of values. If the last value is the number that the ROS driver
+    appends (see `USED_AXES_FLAG`), this value does not count.
+    """
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)

@@ -2,8 +2,8 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
-the elements with slvSendFormat and slvRecvFormat. If the capture lacks these commands, the decoder guesses
-the elements.
+the elements of both with slvSendFormat and slvRecvFormat. If the capture lacks these commands, the decoder
+guesses the meaning of the elements from their number and kinds.
 """
 
 from __future__ import annotations
@@ -129,9 +129,9 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If the result has an unexpected form, return the problems and what fits.
-    EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as a pose of
-    the slave mode's `pose_type`.
+    """Decode slvMove's result. If the form of the result is unexpected, return the elements that fit, and the
+    problems. EMPTY gives an empty `Feedback`. If the receive format is unknown, an array of numbers counts as
+    a pose of the slave mode's `pose_type`.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -193,7 +193,9 @@ def _kinds_of_parts(parts: tuple[Variant, ...]) -> tuple[str, ...]:
 def _matching_arrangements(
     layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the arrangements whose elements have these `kinds`; if there are none, the first arrangement."""
+    """Return each arrangement in `layouts` whose elements have the kinds in `kinds`, in order. If there is no
+    such arrangement, return only the first of `layouts`.
+    """
     listed = tuple(layouts)
     agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
     return agreeing or listed[:1]
@@ -272,7 +274,9 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
 
 
 def _is_valid_user_io(run: UserIO) -> bool:
-    """Return whether a range is possible for user I/O. An offset of more than 16 bits is unlikely."""
+    """Return whether a range of I/O bits is plausible for user I/O: whole bytes, from bit 128 on. An offset
+    or size of more than 16 bits is unlikely, and counts as not plausible.
+    """
     return (
         128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
     )

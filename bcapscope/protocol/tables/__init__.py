@@ -1,1 +1,1 @@
-"""Tables of what b-CAP defines and DENSO documents: functions, commands, result codes, variables."""
+"""Tables of the functions, commands, result codes and variables of b-CAP, and of the meanings of values."""

@@ -30,7 +30,9 @@ class CallEffect(IntEnum):
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Effect of each function in the table. `request_effect` also considers a request's arguments."""
+"""Effect of each function in the table. The arguments of a request may change the effect; see
+`request_effect`.
+"""
 
 
 def function_effect(function_id: int) -> CallEffect:

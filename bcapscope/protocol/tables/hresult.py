@@ -46,7 +46,9 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels. DENSO's error list gives levels 2 and 3 no name, so bcapscope names them after its texts."""
+"""Error levels. DENSO's error list has no names for levels 2 and 3. The names that bcapscope shows follow
+from the list's descriptions of errors with these levels.
+"""
 
 _ENDS_SLAVE_MODE = 3
 
@@ -257,7 +259,10 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map RC7's four-digit codes to their meanings. If RC8 codes share an RC7 code, the first one counts."""
+    """Map RC7's four-digit codes to their meanings. A row of the table `hresults` for the four-digit code
+    itself takes precedence. Otherwise, the meaning is that of the first RC8 code whose row names the
+    four-digit code.
+    """
     table: dict[int, HresultInfo] = {}
     for row in _ROWS:
         if len(row["code"]) == 4:

@@ -56,10 +56,11 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have. An unknown variable has the `name` "".
+    """Return the strongest effect that writing a variable can have. If the variable is unknown, `name` is "".
 
-    A program on the controller may wait for any variable, so a write has the effect `MOVES`. Only writes to
-    @SERVO_ON, which switches the motor, and to @STOP, which stops a task, have a weaker effect.
+    A program on the controller may wait for any variable and then move the robot, so a write has the effect
+    `MOVES`. There are two exceptions, with an effect weaker than `MOVES`: writing @SERVO_ON switches the
+    motor, and writing @STOP stops a task.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
