@@ -191,7 +191,7 @@ def open(
             side; None to join both.
         taken_at: Where the captures were taken; None to infer the place from the traffic.
         on_error: Function that receives the path and the error of a capture that cannot be read to its end.
-            No exception is then raised. Reading continues with the next capture.
+            With `on_error`, bcapscope raises no exception, and reads the next capture.
 
     Raises:
         CaptureError: A capture cannot be opened, and there is no `on_error`.

@@ -10,7 +10,7 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 
 CHUNK_SIZE = 256 * 1024
-"""Bytes to request per read. A pipe with fewer bytes returns them without delay."""
+"""Number of bytes to request per read. If a pipe holds fewer bytes, the read returns these bytes at once."""
 
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_WINDOW = 31  # value of zlib's parameter `wbits` for data with a gzip header and the largest window

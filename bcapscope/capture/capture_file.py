@@ -57,7 +57,9 @@ class CaptureFile:
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield packets without delay. At damage, raise CaptureError after all packets before the damage."""
+        """Yield each packet as soon as it has been read. If the capture is damaged, yield all packets before
+        the damage, then raise CaptureError.
+        """
         source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 
@@ -96,7 +98,7 @@ class _GrowingFile(io.RawIOBase):
 
 
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
-    """Open a capture, plain or compressed with gzip, or raise CaptureError. The content shows the format."""
+    """Open a capture, plain or compressed with gzip, or raise CaptureError. Detect the format by content."""
     return CaptureFile(_open_file(path))
 
 
@@ -146,7 +148,9 @@ def _captures_in(folder: str) -> list[str]:
 
 
 def _is_capture(path: str) -> bool:
-    """Return whether a file is a capture; True also if opening fails: a later attempt reports the error."""
+    """Return whether a file is a capture. For a file that cannot be read, return True: bcapscope
+    reports the error later, when it reads the captures.
+    """
     try:
         with Path(path).open("rb", buffering=0) as stream:
             head = _open_source(stream.read).data[:4]

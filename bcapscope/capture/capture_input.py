@@ -51,8 +51,8 @@ class CaptureInput:
         Args:
             paths: Paths of captures and of folders with captures.
             ports: Ports of controllers; if empty, the usual ports.
-            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
-                continues with the next capture.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. bcapscope
+                then reads the next capture.
             side: The side to read if a conversation was captured at both sides; None to read both sides.
             taken_at: Where the captures were taken; None to infer the place from the traffic.
         """
@@ -72,8 +72,8 @@ class CaptureInput:
         self.decoder: PacketDecoder | PlaceDecoder = decoder
         self._read: Callable[[], Iterator[Observation]] = lambda: decoder.decode(self._packets(captures))
         if len(expanded) > 1:
-            from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - for several captures
-            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - for several captures
+            from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - for two or more captures
+            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - for two or more captures
 
             self.plans = plan_places(expanded, known_ports)
             if self.plans:

@@ -23,7 +23,9 @@ STDIN = "-"
 """Path of standard input."""
 
 MAX_RUNS = 2_000_000
-"""Maximum number of entries in a `RunTable` (40 MB). For later packets, the capture is not known."""
+"""Maximum number of entries in a `RunTable` (40 MB). A full table gets no new entries, so `find` returns None
+for numbers that would need a new entry.
+"""
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
@@ -62,8 +64,8 @@ class CaptureSequence:
 
         Args:
             names: For each path, the name that users see.
-            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
-                continues with the next capture.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. bcapscope
+                then reads the next capture.
             clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
                 the path. If `clocks` is not None, captures are read one after another and never merged by
                 time, because a clock's error can exceed the time between two packets.

@@ -24,7 +24,9 @@ _LARGEST_HOLE = 4096
 """Maximum number of bytes that may be missing between two rows. After a longer gap, a new block begins."""
 
 _BASES = {7: (16, 10, 8)}
-"""Bases in which `od` may print an offset of 7 digits. For other numbers of digits, the base is 16."""
+"""Possible bases of an offset that has 7 characters: hexdump prints 7 hexadecimal digits, and `od` prints 7
+octal or decimal digits. An offset of another length has base 16.
+"""
 
 
 class HexBlock:
@@ -90,9 +92,11 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at a byte offset. Return the second part as a new block, for further rows.
+        """Move the bytes from `offset` on to a new block, and return the new block. The caller adds the next
+        rows of the text to the new block.
 
-        If `offset` is 0 or too many rows follow the cut, cut before the last row instead, and add a note.
+        If `offset` is 0, or if more than `MAX_ROWS // 2` rows would move, move only the last row, and add a
+        note to the new block.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = None

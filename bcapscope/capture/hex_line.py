@@ -14,8 +14,8 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 MIN_HEX_BYTES = 8
-"""Minimum number of adjacent bytes that are hex in the middle of prose. Dates, MAC addresses and words such
-as "facade" have fewer bytes. The smallest argument of a frame has ten bytes.
+"""Minimum number of adjacent bytes that count as hex in the middle of prose. Dates, MAC addresses and words
+such as "facade" are shorter than this minimum. The smallest argument of a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
@@ -90,7 +90,9 @@ _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4
 _MACHINE_OFFSETS = (6, 7)
-"""Numbers of digits of offsets in hexdump and od, which print words in the machine's byte order."""
+"""Possible lengths, in digits, of an offset that hexdump or od prints. After the offset, these programs print
+groups of bytes in the machine's byte order.
+"""
 
 _OCTAL_WORD = re.compile(r"[01][0-7]{5}")
 _LONE_NUMBER = re.compile(r"\s*([0-9A-Fa-f]{4,8})\s*")

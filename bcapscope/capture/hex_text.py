@@ -26,14 +26,14 @@ LARGEST_LIKELY = 64 * 1024
 """Largest plausible value of the length field, in bytes. Frames of real sessions have less than 10 KiB."""
 
 _LONGEST_COMPLETED = 1024
-"""Maximum number of bytes in a block that a line with words can complete. UDP frames have at most 503 bytes
-(orin_bcap dn_udp.h).
+"""Maximum number of bytes in a block to which bcapscope adds bytes from a line that also has words. These
+bytes may be the end of the block's last frame. UDP frames have at most 503 bytes (orin_bcap dn_udp.h).
 """
 
 LONGEST_CAPTION = 120
 
 LONGEST_PARAGRAPH = 500
-"""Number of characters at the end of a paragraph in which words may state a direction."""
+"""Number of characters, at the end of a paragraph, in which bcapscope searches for words such as "TX"."""
 
 _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
@@ -158,7 +158,9 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Add bytes from a line with words: the end of the frame above, or the start of the block below."""
+        """Handle the bytes of a line that also has words. Bytes at the start of the line may be the end of
+        the frame above. Bytes at the end of the line may be the start of the block below.
+        """
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -278,7 +280,11 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return where frames begin: at 0, at ends of whole frames, at those of `rows` that look like a frame."""
+    """Return the offsets at which frames begin. `rows` holds the offset of each row of the text.
+
+    The first frame begins at 0. If a SOH follows a whole frame, the next frame begins at this SOH. Otherwise,
+    the next frame begins at the next row that looks like a frame and follows an EOT.
+    """
     cuts = [0]
     while True:
         start = cuts[-1]

@@ -74,7 +74,9 @@ class IpReassembly:
         self._cost = 0
 
     def add(self, packet: IPPacket, time: int) -> tuple[IPPacket, int] | None:
-        """Return the packet that a fragment completes and the time of its first fragment (ns), or None."""
+        """Accept a whole IP packet or a fragment. Return the whole packet, and the time in ns at which its
+        first fragment arrived; None while fragments are missing.
+        """
         fragment = packet.fragment
         if fragment is None:
             return packet, time

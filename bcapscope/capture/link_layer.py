@@ -108,7 +108,9 @@ def _ppp(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """Skip the address family. Its byte order is the capturing machine's, or big-endian for LINKTYPE_LOOP."""
+    """Skip the address family. The address family is big-endian for LINKTYPE_LOOP. Otherwise, it has the byte
+    order of the capturing machine.
+    """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
 

@@ -36,7 +36,7 @@ _FRAMES, _CONVERSATIONS = "frames", "conversations"
 class _FrameRecord(msgspec.Struct, array_like=True):
     """Stored form of an observation. Text is stored as bytes (see `encode_text`). `function_id` is None if
     the kind of the call is unknown. `missing` is None for a frame. `problems` holds the offset, code and
-    reason of each problem that a reader does not detect again from `raw`.
+    reason of problems. For a frame, `problems` holds only the problem that the bytes in `raw` do not show.
     """
 
     time: int

@@ -65,7 +65,9 @@ class PacketDecoder:
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
-        """The end whose port is in `ports` is the controller. Without such an end, the content decides.
+        """The end whose port is in `ports` is the controller. If neither end or both ends have such a port,
+        the TCP handshake or the content of the frames shows which end is the controller.
+
         Packets of interfaces whose name does not begin with `interface_prefix` are ignored.
         """
         self.counts = CaptureCounts()
@@ -94,7 +96,8 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # the fast path need not call `note`: each packet there holds one frame
+        # The fast path need not call `note`: frame number and packet number both grow by one per packet.
+        note = self.note_packet
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:

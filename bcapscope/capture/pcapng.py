@@ -25,7 +25,7 @@ LONGEST_NAME = 128
 """At most this many characters of an interface's name are kept."""
 
 COMMENTS_SIZE = 65_535
-"""Maximum total size of a packet's comments in bytes. A pcapng option has the same maximum size."""
+"""Maximum total size of a packet's comments in bytes. The limit is the maximum size of one pcapng option."""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes

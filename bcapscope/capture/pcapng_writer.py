@@ -53,17 +53,18 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write `count` packets, whose `blocks` come from functions of `pair_encoder`. Raises OSError."""
+        """Write `count` packets. Functions from `pair_encoder` encoded `blocks`. Raises OSError."""
         self.packet_count += count
         write_all(self._file, blocks)
 
     def pair_encoder(
         self, first: tuple[Interface, bytes], second: tuple[Interface, bytes], size: int
     ) -> PacketPairEncoder:
-        """Return a function that makes the blocks of two packets in one step, in half the time of two steps.
+        """Return a function that encodes two packets with the same data at once. Encoding them one by one
+        takes twice as long.
 
-        `first` and `second` each hold the interface and the headers of a packet. The `size` bytes of data
-        after the headers are the same in both packets.
+        `first` holds the interface and the headers of the first packet, and `second` those of the second
+        packet. `size` is the number of bytes of data after the headers.
 
         Raises:
             OSError: The description of a new interface cannot be written.

@@ -123,8 +123,8 @@ class _Source:
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Group plans that share conversations, in chronological order. Each pair of files of two ring recordings
-    has its own plan.
+    """Group plans that share conversations, in chronological order. A plan holds one pair of files. Two
+    recordings that each consist of several files therefore have several plans.
     """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):

@@ -1,4 +1,4 @@
-"""Detect the controller of a conversation. Usually, ports or content show the controller."""
+"""Detect the controller of a conversation. Usually, ports or frames show which end is the controller."""
 
 from __future__ import annotations
 
@@ -33,11 +33,14 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
 
 
 HELD_ITEMS_LIMIT = 64
-"""Number of held items after which the controller is guessed. One real request shows the controller."""
+"""Number of held items after which bcapscope guesses the controller. One request whose arguments
+fit its function makes a guess unnecessary, because the request shows which end is the controller.
+"""
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""Number of held bytes after which bcapscope guesses the controller. Frames of real sessions have less than
-10 KiB, and the controller can be unknown in 2,048 conversations at a time.
+"""Number of bytes, held for one conversation, after which bcapscope guesses the controller. Frames of real
+sessions have less than 10 KiB. The limit is small, because up to 2,048 conversations can hold bytes at the
+same time.
 """
 
 
@@ -99,7 +102,7 @@ def is_whole_frames(data: bytes) -> bool:
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return the source and the destination of a key, which holds both addresses and then both ports."""
+    """Return the source and the destination of a packet. `key` holds both addresses and then both ports."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -132,7 +135,8 @@ class UndecidedConversation:
 
     Attributes:
         flows: Flow of each sender, by index 0 or 1; None until the controller is known.
-        is_tentative: Whether the conversation counts as b-CAP only if its first frame is valid.
+        is_tentative: True while it is unknown whether the conversation is b-CAP. The first frame decides: if
+            the frame is invalid, the conversation is not b-CAP.
     """
 
     def __init__(
@@ -143,7 +147,8 @@ class UndecidedConversation:
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        # End times of streams. Each key is the index of the sender, and whether a RST ended the stream.
+        # Times of the first FIN and the first RST of each sender. A key holds the index of the sender, and
+        # True for a RST.
         self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 

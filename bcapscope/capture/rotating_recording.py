@@ -136,7 +136,8 @@ class RotatingRecording:
 
     def _try_write(self, data: bytes) -> bool:
         """Write all of `data`. If the disk is full, write nothing, remove the ring's oldest file and return
-        False. Raise OSError if writing fails for another reason, or if no file can be removed.
+        False. Raise OSError if the disk is full but the ring has no older file, or if writing fails for a
+        reason other than a full disk.
         """
         try:
             write_all(self._file, data)

@@ -24,8 +24,9 @@ RECORD_HEADER = struct.Struct("<BqI")
 """
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that a read waits. After this time, bcapscope handles Ctrl-C, and the sniffer writes
-`ALIVE`. This write fails if bcapscope has ended.
+"""Maximum time in s that a read waits for a packet. Whenever no packet came in this time, the sniffer writes
+an `ALIVE` record, and bcapscope can handle Ctrl-C. If bcapscope has ended, the sniffer cannot write this
+record, and ends too.
 """
 
 

@@ -76,7 +76,8 @@ class SocketRecording:
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
         """Return a function that encodes a datagram of `size` bytes as two packets, one for each of two hops.
 
-        `write_blocks` writes the encoded packets. Do not call the returned function after `continue_in`.
+        Pass the encoded packets to `write_blocks`. After `continue_in`, the returned function is invalid,
+        because its packets refer to an interface of the previous file.
         """
         first, second = (
             (where, _datagram_header(source, target, size)) for source, target, where in (incoming, outgoing)
@@ -84,7 +85,7 @@ class SocketRecording:
         return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write `blocks`, which functions of `datagram_pair_encoder` returned for `pairs` datagrams."""
+        """Write the packets of `pairs` datagrams. Functions from `datagram_pair_encoder` encoded `blocks`."""
         self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(

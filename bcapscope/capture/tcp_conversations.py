@@ -22,7 +22,9 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Maximum number of TCP connections at a time. If there are more, the connection idle longest is dropped."""
+"""Maximum number of TCP connections at a time. When another connection begins, bcapscope drops the connection
+that has been idle for the longest time.
+"""
 
 
 _HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
@@ -89,8 +91,8 @@ class TcpConversations:
     def _receive_in_order(
         self, tracked: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
-        """Fast path for the next segment of a known conversation. Return None if `_receive_any` must handle
-        it.
+        """Fast path for most segments of a conversation whose controller is known. If this method returns
+        None, call `_receive_any` with the same segment.
         """
         conversation = tracked.conversation
         flows = None if conversation is None or conversation.is_tentative else conversation.flows
@@ -168,8 +170,10 @@ class TcpConversations:
 def _recognise_bcap(
     tracked: _TrackedConnection, sender: int, segment: TcpSegment
 ) -> UndecidedConversation | None:
-    """Return a conversation if a segment between unknown ports looks like b-CAP. The first segment must begin
-    like a frame. A later segment must begin with a whole, undamaged frame.
+    """Return a conversation if a segment between unknown ports looks like b-CAP; else None.
+
+    If the segment holds the first byte after a captured SYN, it must begin like a frame. Any other segment
+    must begin with a whole, undamaged frame.
     """
     if not may_begin_frame(segment.data):
         return None

@@ -23,7 +23,9 @@ REORDER_LIMIT = 1024 * 1024
 """
 
 ACK_LIMIT = 1 << 30
-"""Largest TCP window in bytes (RFC 7323, 2.3). An acknowledgement further ahead is ignored."""
+"""Largest TCP window in bytes (RFC 7323, 2.3). An acknowledgement is ignored if it is more than this many
+bytes ahead of the reassembled bytes.
+"""
 
 MARKS_LIMIT = 128
 """Maximum number of separate arrival times per incomplete frame; 25 MB for all streams together."""
@@ -103,7 +105,9 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start with the first captured byte. `from_start` means that the sender sent no byte before it."""
+        """Start the stream. `seq` is the sequence number of the first byte to reassemble. `from_start` is
+        True if the sender sent no byte before this byte.
+        """
         self.begun = True
         self._first_seq = seq
         self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
@@ -210,10 +214,10 @@ class TcpStream:
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Keep the first arrival mark. Merge the other marks in pairs; each pair keeps the later time.
+        """Merge all arrival marks except the first in pairs. A merged mark has the time of its second mark.
 
-        The first and the last mark give the times of a long frame. The marks in between matter only if a
-        wrong length field made several frames look like one.
+        A long frame takes its times from its first and its last arrival mark. Its other arrival marks matter
+        only if a wrong length field made several frames look like one.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]

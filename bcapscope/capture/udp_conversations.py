@@ -23,8 +23,8 @@ C/src/bCAPServer/bcap_server.c). A client that returns after its flow was droppe
 """
 
 UNDECIDED_LIMIT = 1024
-"""Maximum number of conversations with unknown controller. If there are more, bcapscope guesses the
-controller of the oldest conversation.
+"""Maximum number of conversations whose controller is unknown. When another such conversation begins,
+bcapscope guesses the controller of the oldest one.
 """
 
 

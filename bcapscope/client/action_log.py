@@ -198,7 +198,9 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, at most 2 * `CLOSE_TIMEOUT`. A later line starts a new thread."""
+        """Wait until all lines are written, but at most 2 * `CLOSE_TIMEOUT`. A line that is logged after
+        `close` starts a new writing thread.
+        """
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:

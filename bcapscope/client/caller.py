@@ -26,10 +26,10 @@ from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
 Observer: TypeAlias = Callable[[Observation], None]
-"""Gets every frame when it is sent or received. The function must not raise exceptions."""
+"""Gets every frame when the frame is sent or received. An observer must not raise exceptions."""
 
 EventListener: TypeAlias = Callable[[RequesterEvent], None]
-"""Gets every event, including notices, late and stray replies. The function must not raise exceptions."""
+"""Gets every event, including notices, late and stray replies. A listener must not raise exceptions."""
 
 
 class Caller:
@@ -45,10 +45,11 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Create a caller. A link needs the caller as its receiver, so `attach` sets the link later.
+        """Create a caller without a link. The link needs this caller as its receiver, so the link is created
+        after the caller. Then pass the link to `attach`.
 
         If `fails_if_refused`, a call over UDP fails at the first error that the operating system reports for
-        sent data. After the first data from the controller, such errors no longer end a call.
+        sent data. This holds only until the controller has sent any data.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer

@@ -24,9 +24,9 @@ DEFAULT_PORT = 5007
 class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
-    `asynchronous` is for slvMove in an Async mode. It has no retry, because the next set point follows soon.
-    `sync` is for slvMove in other modes: all eight attempts together take two cycle times. `others` is for
-    all other calls.
+    `asynchronous` is for slvMove in an Async mode. A set point then has no retry, because the next set point
+    follows soon. `sync` is for slvMove in all modes except the Async modes. Its eight attempts together take
+    two cycle times. `others` is for all calls except slvMove.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)

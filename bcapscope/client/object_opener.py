@@ -26,7 +26,7 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
     ObjectClass.ROBOT: DEFAULT_ROBOT,
     ObjectClass.TASK: ROBSLAVE,
 }
-"""Name that opens an object of the class on most controllers."""
+"""For a class of objects, the name with which most controllers open an object of this class."""
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)

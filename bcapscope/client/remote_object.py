@@ -39,7 +39,9 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply. If there is none, raise RemoteProtocolError with `name` in the text."""
+    """Return the value in a reply. If the reply has no value, raise RemoteProtocolError, whose text contains
+    `name`.
+    """
     variant = first_variant(reply)
     if variant is None:
         raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)
@@ -49,7 +51,8 @@ def required_variant(reply: Frame, name: str) -> Variant:
 class RemoteObject:
     """An object in the controller, with its handle. The end of an `async with` block releases the object.
 
-    `owner` is the class of the object. The names of the object's functions begin with this class.
+    `owner` is the class of the object, such as `Robot`. The name of each function of the object begins with
+    the name of this class, as in `Robot_Execute`.
     """
 
     owner: ClassVar[ObjectClass]

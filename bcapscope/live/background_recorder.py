@@ -1,7 +1,9 @@
-"""Records the traffic of a server or client in the same process; a separate thread writes to the disk.
+"""Records the traffic of a simulator, of `replay` or of the Tester in the same process. A separate thread
+writes to the disk.
 
-A server encodes packets in its own thread while the server is idle. A client encodes packets at once. A
-second thread for encoding would hold Python's interpreter lock and delay replies by milliseconds.
+In a simulator and in `replay`, the thread that answers requests also encodes packets, while no request waits.
+The Tester encodes each packet as soon as the packet is sent or received. A second thread for encoding would
+hold Python's interpreter lock, and would delay replies by milliseconds.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ _CHECK_INTERVAL = 0.002
 """`wait_until_written` checks at this interval, in s, whether the packets are in the file."""
 
 _MAKE_FOR_NS = 1_000_000
-"""Maximum time in ns for encoding packets before the server checks for new requests."""
+"""Maximum time in ns for encoding packets before the simulator or `replay` checks for new requests."""
 
 _ENDS_WITHIN = 5.0
 """Maximum time in s that `close` spends on encoding, and again on writing."""

@@ -108,14 +108,16 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the pipe of the command's further standard output. The caller closes the pipe."""
+        """Return the pipe of the command's standard output, without the first line, which has already been
+        read. The caller closes the pipe.
+        """
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line that the command printed so far. Another thread calls `on_output`
-        with later lines.
+        """Call `on_output` with the lines that the command has already printed on standard error. When the
+        command prints another line there, another thread calls `on_output`.
         """
         with self._lock:
             self._on_output = on_output

@@ -5,9 +5,9 @@ In a virtual machine, a wake-up takes tens of microseconds, because the host wak
 through the proxy contains two wake-ups, or four if client and controller run on the proxy's machine.
 
 A program can set a wake-up limit for all processors: the maximum time that a processor may need to wake
-(power/pm_qos_interface). With this limit, idle processors use more electricity or, in a virtual machine, more
-of the host's processor time. The proxy sets the limit only while there is much traffic, and removes it if the
-host takes too much processor time.
+(power/pm_qos_interface). While a wake-up limit is set, idle processors use more electricity or, in a virtual
+machine, more of the host's processor time. The proxy sets the wake-up limit only while there is much traffic,
+and removes the wake-up limit if the host takes too much processor time from the virtual machine.
 """
 
 from __future__ import annotations
@@ -38,15 +38,17 @@ MAX_STOLEN_SHARE = 0.05
 """Maximum processor time that the host may take, summed over all processors: 0.05 means 50 ms per second."""
 
 PAUSED_FOR = 60.0
-"""Pause in seconds before the proxy tries again to set the wake-up limit. The pause begins if Linux refuses
-the wake-up limit, or if the host takes too much or an unknown amount of processor time.
+"""Number of seconds after which the proxy tries again to set the wake-up limit. The proxy waits for this time
+if Linux refused the wake-up limit, or if the host took too much processor time or an unknown amount.
 """
 
 _MEASURED_EVERY = 1.0
 """Seconds between measurements of the processor time that the host took from the virtual machine."""
 
 _STREAM_BYTES_EACH = 64
-"""Bytes of TCP that count as one datagram. A set point has about 100 bytes; its reply has 58 or 90."""
+"""To measure how much traffic there is, the proxy counts this many bytes of TCP as one datagram. A set point
+has about 100 bytes; its reply has 58 or 90.
+"""
 
 _REQUEST = struct.Struct("@i")
 _DEVICE = Path("/dev/cpu_dma_latency")
@@ -61,11 +63,12 @@ _STEAL_COLUMN = 8
 
 
 class CpuWakefulness:
-    """Keeps the processors out of deep sleep with a wake-up limit, while there is much traffic.
+    """Keeps the processors out of deep sleep while there is much traffic. For this, the class sets a wake-up
+    limit (see the module docstring).
 
-    The limit needs root rights, or a udev rule that grants access to the device file. In a KVM guest with the
-    haltpoll driver, the limit keeps idle processors fully awake. Linux drops the limit when the process
-    closes the device file or ends.
+    A process can set the wake-up limit only with root rights, or if a udev rule grants access to the device
+    file. In a KVM guest with the haltpoll driver, the wake-up limit is 0 µs, so that idle processors stay
+    fully awake. Linux drops the wake-up limit when the process closes the device file or ends.
     """
 
     def __init__(self) -> None:
@@ -81,8 +84,9 @@ class CpuWakefulness:
         return self._device is not None
 
     def update(self, datagrams: int, now: float) -> None:
-        """Adapt the limit to the traffic. Call this method about twenty times per second. `datagrams` is the
-        number of datagrams so far. `now` is the time of a monotonic clock in seconds.
+        """Set or remove the wake-up limit, depending on the traffic and on how much processor time the host
+        takes. Call this method about twenty times per second. `datagrams` is the number of datagrams so far.
+        `now` is the time of a monotonic clock in seconds.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -124,7 +128,7 @@ class CpuWakefulness:
 
     def _stolen_seconds(self) -> float:
         """Return the processor time in seconds that the host has taken from this virtual machine so far.
-        Return NaN if Linux does not use the haltpoll driver, or does not report the taken processor time.
+        Return NaN if Linux does not use the haltpoll driver, or does not report this time.
         """
         if sys.platform == "linux" and self._has_haltpoll:
             with suppress(OSError, IndexError, ValueError), _STATISTICS.open("rb") as file:
@@ -133,7 +137,9 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return the number of received datagrams. `_STREAM_BYTES_EACH` bytes of TCP count as one datagram."""
+    """Return how many datagrams the relay has received so far, from clients and controllers.
+    `_STREAM_BYTES_EACH` bytes that the relay sent over TCP count as one datagram.
+    """
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 

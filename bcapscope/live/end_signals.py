@@ -87,8 +87,9 @@ def end_signal_socket() -> Iterator[socket.socket]:
 def end_signals_blocked() -> Iterator[None]:
     """Child processes that start in this `with` block never receive Ctrl-C, SIGTERM or SIGHUP.
 
-    Without the block, Ctrl-C would reach every process of the terminal, and a child process that is still
-    loading would end with a traceback. Signals to the parent process take effect when the block ends.
+    Without this protection, Ctrl-C would reach every process of the terminal, and a child process that is
+    still loading would end with a traceback. Signals to the parent process take effect when the `with` block
+    ends.
     """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield

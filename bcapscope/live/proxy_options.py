@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from bcapscope.traffic.pipeline import PipelineSubscriber
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
-"""The relay sends `BEGIN`, and the watcher answers `READY`. The relay sends `CLOSE_SESSIONS`, and the watcher
-answers with a JSON list of `ClosingRequests`. Any other message from the relay is advice, which the
-watcher adds to its warning of a slow proxy.
+"""The relay sends `BEGIN`, and the watcher answers `READY` or the reason why it cannot start. The relay sends
+`CLOSE_SESSIONS`, and the watcher answers with a JSON list of `ClosingRequests`. Apart from `BEGIN` and
+`CLOSE_SESSIONS`, the relay sends only advice, which the watcher adds to its warning of a slow proxy.
 """
 
 INCOMPLETE = 6
@@ -37,8 +37,8 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
     """Frames that close a session that a UDP client left open. The relay sends each frame after the reply to
     the previous frame.
 
-    `open_state` is an encoded message (see `encode_message`): the client left slave mode on, or kept the arm.
-    `open_state` is b"" if the client left only open handles.
+    If the client left slave mode on or kept the arm, `open_state` is an encoded message that says so (see
+    `encode_message`). If the client only failed to release handles, `open_state` is b"".
     """
 
     client: int

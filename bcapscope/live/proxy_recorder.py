@@ -91,8 +91,10 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Fast path: write records from the start of the list, and return how many were written. Stop before
-        the first datagram that was changed or was not forwarded.
+        """Fast path: write records from the start of the list, and return how many records were written.
+
+        The fast path writes only UDP datagrams that the relay forwarded and that no rule affected. It ends
+        before the first other record, and before a record that is later than one of the records after it.
 
         If all `records` are later than the waiting packets, write the waiting packets first. Do not write the
         last record, because a packet that arrives later may have an earlier time.
@@ -127,9 +129,11 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """For each of the relay's next `count` records, return the number of the record's last packet on the
-        client's leg. The number is 0 if the record has no such packet. The numbers are valid only for a
-        recording in one file.
+        """Return a packet number for each of the next `count` records from the relay.
+
+        From one record, the recorder can write several packets. The returned number is that of the record's
+        last packet on the client's leg. It is 0 if the recorder wrote no packet on the client's leg for this
+        record. The numbers are valid only for a recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count

@@ -264,7 +264,8 @@ class ProxySupervisor:
             self._raise_if_ended()
 
     def _raise_if_ended(self) -> None:
-        if self._read_signals(1):  # reads one signal; `must_end_now` reads further signals
+        # Read only the first signal, because `must_end_now` reads the signals after it.
+        if self._read_signals(1):
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
@@ -315,8 +316,10 @@ class ProxySupervisor:
 
     def _receive_from_watcher(self) -> None:
         """Read the closing requests from the watcher if these requests have arrived. A closed pipe means that
-        the watcher has ended. Never wait for a message: if the message was already read, relay and watcher
-        would block each other.
+        the watcher has ended.
+
+        Do not wait for a message: an earlier call may have read the closing requests. The relay would then
+        wait for the watcher, while the watcher waits for the relay to end.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -368,10 +371,11 @@ def _has_other_end(descriptor: int) -> bool:
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print to standard error in a new thread. Only this thread waits if the terminal is stopped (Ctrl-S).
+    """Print to standard error in a new thread, and return this thread. If the user stops the terminal
+    (Ctrl-S), the new thread waits, and the calling thread continues.
 
-    The thread bypasses Python's buffer. A thread that waits inside this buffer would hold the
-    buffer's lock, and the program could not end.
+    The new thread writes to the file descriptor, not to `sys.stderr`. A thread that waits in a write to
+    `sys.stderr` holds a lock, and the program could not end.
     """
 
     def write() -> None:

@@ -63,7 +63,9 @@ longer.
 """
 
 _SHOWN_WITHIN_NS, _PUBLISHED_WITHIN_NS = 2_000_000_000, 200_000_000
-"""Maximum age in ns of undecoded traffic during a pause: without a subscriber, and with a subscriber."""
+"""Maximum age in ns of undecoded traffic. While undecoded traffic is older, the watcher does not pause. The
+first value applies without a subscriber, and the second value with a subscriber.
+"""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
 """The pause after a poll: its length relative to the duration of the poll, and its maximum in seconds."""
@@ -78,8 +80,8 @@ _RECORDS_AT_ONCE = 128
 _RECORDS_PER_YIELD = 32
 """Number of records that the watcher writes to the recording before it yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Number of frames that the watcher decodes before it yields the processor. A yield takes a quarter of the
-time that decoding a frame takes.
+"""Number of frames that the watcher decodes before it yields the processor (`sched_yield`). The watcher does
+not yield after each frame, because yielding takes a quarter of the time that decoding a frame takes.
 """
 
 _CATCHES_UP_WITHIN = 10.0

@@ -15,8 +15,8 @@ from bcapscope.traffic.pipeline import Pipeline
 class RelayedTraffic:
     """Shows and analyses the frames that the decoder finds in the relay's records.
 
-    A frame on the client's leg is shown at once. A frame on the controller's leg may still appear on the
-    client's leg. Such a frame is shown only if it does not appear there in time.
+    A frame on the client's leg is shown at once. A frame on the controller's leg is shown only if the same
+    frame does not appear on the client's leg in time.
     """
 
     def __init__(

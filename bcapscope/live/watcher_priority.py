@@ -3,8 +3,9 @@
 Measured 99.9th percentile of round trips, with a client and a server on the same two processors: 2.6 ms with
 the watcher at nice 10, 0.5 ms at idle priority. When another process wakes up, Linux interrupts a process of
 idle priority at once. Linux may let a process of normal priority complete its time slice of about 3 ms.
-Sometimes, Linux interrupts the watcher too late, because Linux decides only at a tick every 1 to 10 ms
-(sched(7), EEVDF). The watcher therefore also yields the processor after each 0.1 or 0.2 ms of work.
+Sometimes, the other process must wait, because Linux interrupts the watcher only at the next timer tick.
+Timer ticks are 1 to 10 ms apart (sched(7), EEVDF). The watcher therefore also yields the processor after each
+0.1 or 0.2 ms of work.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and `sched_yield`
 costs a whole time slice. If the watcher reads too slowly, the relay raises the watcher's priority.
@@ -23,7 +24,9 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Seconds without reading new records, after which the relay raises the watcher's priority."""
+"""If the watcher does not read new records within this many seconds, the relay raises the priority of the
+watcher.
+"""
 
 OVERDUE_AFTER = 0.4
 """If the watcher does not read new records within this many seconds, the relay sets the highest

@@ -130,7 +130,7 @@ class _ServerThread:
             serve(self._server, self._recorder.on_idle, self._on_wish, [self._own_end.fileno()])
         except _EndServing:
             return
-        except Exception as error:  # the thread that tests the client raises this error
+        except Exception as error:  # `write_recording` raises the stored error in the thread of the test
             self._error = error
 
     def _on_wish(self, descriptor: int) -> None:

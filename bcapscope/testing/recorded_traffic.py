@@ -40,7 +40,7 @@ class RecordedTraffic(PipelineSubscriber):
         self.calls.append((call, target))
 
 
-MAX_CALLS = 30  # calls in a report: the last calls of the test
+MAX_CALLS = 30  # maximum number of calls in a report; earlier calls of the test are only counted
 
 
 def failure_report_lines(traffic: RecordedTraffic, recording: Path) -> Iterator[str]:

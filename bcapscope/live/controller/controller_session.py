@@ -50,7 +50,9 @@ CLOSE_TIMEOUT = 8.0
 """Maximum time in seconds that `close` waits until the session has released all objects."""
 
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
-"""Cleanup calls have a short timeout (ns) and few retries, so that `close` is fast without replies."""
+"""Timeout in ns, and number of retries, of cleanup calls. Both are small, so that `close` is fast even if the
+controller does not reply.
+"""
 
 
 class NotConnectedError(BcapError):
@@ -67,7 +69,8 @@ class ControllerSession:
     Attributes:
         status: State that the screen shows. Any thread may read `status`, because each change replaces the
             whole object.
-        polling_paused: Whether automatic reads are paused. A read might end another client's slave mode.
+        polling_paused: Whether automatic reads are paused. Reads are paused while another client is in slave
+            mode, because any call except a set point may end slave mode.
     """
 
     def __init__(

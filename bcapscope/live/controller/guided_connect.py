@@ -141,7 +141,7 @@ async def _identify_controller(session: ControllerSession) -> Reason:
 
 
 async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
-    """Read the robot's type. The user should check the type before the first motion (DENSO Wave 2009)."""
+    """Read the type of the robot, which the user should check before the first motion (DENSO Wave 2009)."""
     remote_robot = Robot(session.opener.session, robot.handle)
     name = await _read_fact(session, remote_robot, "@TYPE_NAME")
     number = await _read_fact(session, remote_robot, "@TYPE")

@@ -17,7 +17,7 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""Result of a step, or the reason for its failure. The screen puts commas between the parts."""
+"""Result of a step, or the reason for its failure. The screen joins the items of the tuple with commas."""
 
 
 class RecordOutcome(StrEnum):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 REPLY_OVERDUE_AFTER = 1_500_000_000
-"""Time in ns after which a reply is overdue. Only calls that move the robot take longer."""
+"""Time in ns after which a reply is overdue. Only calls that move the robot take longer than this time."""
 
 
 class ReplyMonitor:

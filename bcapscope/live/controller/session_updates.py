@@ -37,7 +37,9 @@ class ConnectStepUpdate:
 
 @dataclass(frozen=True, slots=True)
 class ControllerIdentity:
-    """Facts from the controller; an unknown text is "". `type_name` and `type_number` describe the robot."""
+    """What the controller reported about itself and its robot. A text is "" if the controller did not report
+    it. `type_name` and `type_number` describe the robot.
+    """
 
     is_simulator: bool = False
     version: str = ""
