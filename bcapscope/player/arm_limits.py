@@ -32,7 +32,9 @@ MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
 MAX_LIMIT = 1e9
-"""Largest number that a user may set as a limit, in any unit. Limits of real robots are far smaller."""
+"""Largest number that a user may set as a limit, in any unit. The limits of real robots are far below this
+number.
+"""
 
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
@@ -145,7 +147,9 @@ class TrajectoryMotion:
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes that have a unit, then that of the joints for P and T with `to_joints`."""
+    """Yield the motion of the pose's axes that have a unit. For type P or T, then also yield the motion of
+    the joints if `limits.to_joints` is known.
+    """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(

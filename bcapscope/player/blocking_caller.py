@@ -55,11 +55,14 @@ together. Reading a hundred replies at once would take longer than the time betw
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""The channel ignores smaller changes (ns) of the offset between system clock and monotonic clock."""
+"""Tolerance in ns. If the offset between system clock and monotonic clock changes by more than this time, the
+`Channel` measures the offset again.
+"""
 
 
 class Channel:
-    """The connection to a controller. The operating system drops datagrams from other senders.
+    """The connection to one controller. Over UDP, the operating system drops all datagrams that come from any
+    other address than the controller's.
 
     All times are in ns of the monotonic clock. `arrival_time` is the time at which the newest bytes arrived.
     If the operating system does not report this time, `arrival_time` is the time of reading. Every method
@@ -97,7 +100,7 @@ class Channel:
         """Sleep until about `until`. Return at once if the system does not record when data arrive."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
-            time.sleep(length / 1e9)  # the caller needs no data before the sleep ends
+            time.sleep(length / 1e9)  # data that arrives meanwhile stays in the socket
 
     def send(self, data: bytes) -> None:
         """Send bytes. On TCP, either all bytes are sent or the connection fails."""
@@ -189,7 +192,7 @@ def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
     except StopIteration as end:
         value: R = end.value
         return value
-    raise RuntimeError("a coroutine waits for an event loop, and there is none")
+    raise RuntimeError("run_blocking cannot run a coroutine that waits for an event loop")
 
 
 ABORT_CHECK_INTERVAL = 50_000_000
@@ -208,9 +211,10 @@ class BlockingCaller:
 
     Attributes:
         late_replies: Late replies that the pacer has not yet evaluated. The pacer clears this list.
-        check_abort: Function that `perform_call` calls regularly while waiting. An exception of this function
-            ends the call.
-        overslept: Time in ns by which the operating system prolonged the waits of the current call.
+        check_abort: Function that `perform_call` calls regularly while waiting. To end the call,
+            `check_abort` raises an exception.
+        overslept: Total time in ns by which the waits of the current call lasted too long, because the
+            operating system resumed the player late.
     """
 
     def __init__(

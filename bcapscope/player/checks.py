@@ -96,8 +96,8 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
 def error_at(
     where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
-    """Yield an error if `where` is True for any set point. The message gets the number of set points for
-    which `where` is True as `points`.
+    """Yield an error if `where` is True for any set point. In the message, `points` is the number of these
+    set points.
     """
     points, count = set_point_numbers(where)
     if count:

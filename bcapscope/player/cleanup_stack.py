@@ -19,7 +19,11 @@ _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Runs the cleanup tasks, newest first. Reports each change, because another player may take over."""
+    """Runs the cleanup tasks, newest first.
+
+    The player reports the remaining tasks to its parent process after each change. If the player crashes, the
+    parent starts another player, which runs the remaining tasks.
+    """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
         self.is_controller_gone = False
@@ -29,9 +33,11 @@ class CleanupStack:
         self._tasks: list[CleanupTask] = []
 
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
-        """Push `task`, then run `step`, which `task` undoes. If the controller refuses `step`, remove `task`.
+        """Add `task` to the stack, then run `step`. `task` later undoes what `step` did. If the controller
+        refuses `step`, remove `task` from the stack.
 
-        `task` is on the stack before `step` runs: a call of `step` may take effect and lose its reply.
+        `task` is on the stack before `step` runs, because `step` can take effect even if it fails: the
+        controller may execute a call whose reply is lost.
         """
         self.push(task)
         try:

@@ -1,9 +1,10 @@
 """Find the columns of a trajectory in a table: by title, by number, or by the user's description.
 
-The reader knows the titles that `bcapscope extract` writes, and the names of axes and joints. It also knows
-the titles in a controller's log, in Japanese and in English: `[J1 - 指令値]`, `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). The reader ignores a column
-with an unknown word in its title, so that the reader never mistakes a force or a distance for a position.
+The reader knows the titles that `bcapscope extract` writes, and the names of axes and joints. The reader also
+knows the titles in a controller's log, in Japanese and in English, such as `[J1 - 指令値]` or
+`[FIG - 指令値]`. These titles come from others/Get_Syslog.py and DrawLineDemo in
+ShoheiKobata/orin_bcap_python_samples. The reader ignores a column with an unknown word in its title, so that
+the reader never mistakes a force or a distance for a position.
 """
 
 from __future__ import annotations
@@ -230,7 +231,9 @@ def _axis_places(read: Sequence[ColumnTitle | None], role: ColumnRole) -> dict[s
 
 
 def _leading_axes(kind: PoseType, places: Mapping[str, int]) -> tuple[Axis, ...]:
-    """Return the leading axes that have a column. Return () for fewer axes than `MIN_COLUMNS`."""
+    """Return the axes from the first axis up to the first axis without a column. Return () if these are fewer
+    than `MIN_COLUMNS`.
+    """
     axes = tuple(takewhile(lambda axis: axis.name in places, AXES[kind]))
     return axes if len(axes) >= MIN_COLUMNS[kind] else ()
 

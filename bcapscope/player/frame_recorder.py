@@ -1,7 +1,8 @@
 """Collects the frames of a player, to display the last frames and to record all frames.
 
-The frames stay in memory until the end. A disk access may take longer than the time between two set points.
-In Python, the thread that sends set points would wait for a thread that writes.
+The frames stay in memory until the end, because a disk access may take longer than the time between two set
+points. A second thread for writing would not help: Python runs only one thread at a time, so the second
+thread would delay the thread that sends set points.
 """
 
 from __future__ import annotations

@@ -66,7 +66,9 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles, slowly; with more than `capacity` values, estimated percentiles."""
+        """Return exact percentiles. This takes longer than `estimated_spread`. If more values than `capacity`
+        were added, return estimated percentiles.
+        """
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])

@@ -39,8 +39,8 @@ class AxisFigures(NamedTuple):
     """How far and how fast an axis moves, in its unit and in seconds. An unknown limit is infinite.
 
     Attributes:
-        acceleration: Largest acceleration, with a standstill before the first point and, without a loop,
-            after the last.
+        acceleration: Largest acceleration. The calculation assumes that the robot stands still before the
+            first point. After the last point, the robot stands still or, in a loop, goes to the first point.
         fastest: Number of the set point where the fastest step ends, counted from 1.
     """
 
@@ -236,7 +236,9 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return which of the `count` set points `where` marks. After `count` rows, set point 1 follows again."""
+    """Return for each of the `count` set points whether one of its rows in `where` is True. The rows of
+    `where` belong to the set points 1 to `count`, and then again to set point 1 and the following set points.
+    """
     at = where[:count].copy()
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest

@@ -73,7 +73,10 @@ because other programs have filled the processor's caches.
 _MOTION_ERRORS = 0x8420
 """Upper 16 bits of codes that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Number of gaps kept to explain a refused set point. No controller's buffer holds more set points."""
+"""The pacer remembers this number of intervals between set points. If the controller refuses a set point with
+an error that late set points can cause, the error message shows the longest of these intervals. This number
+suffices, because a controller's buffer holds at most 3 set points.
+"""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -333,9 +336,9 @@ class _Throttle:
     """Limits the rate of set points if the controller sets the pace: first a burst, then about one set point
     per period.
 
-    The burst has two more set points than the buffer has slots. A controller that confuses two slave modes
-    may answer at once, although the reply should wait for room in the buffer. The throttle keeps
-    the pacer from sending the whole trajectory in an instant to such a controller.
+    The burst has two more set points than the buffer has slots. If the controller sets the pace, it should
+    reply only when its buffer has room. A controller that confuses two slave modes may reply at once. Without
+    the throttle, the pacer would send the whole trajectory to such a controller in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

@@ -2,9 +2,10 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first comes to rest on its path. After a failure, the
-robot cannot come to rest on its path. A controller with an error has left slave mode, and a silent controller
-accepts no set points. An order from the user ends any wait at once, unless the cleanup has begun.
+the remaining steps. After an order to stop, the player first brings the robot to rest on its path. After a
+failure, the player can no longer steer the robot: a controller with an error has left slave mode, and a
+silent controller accepts no set points. An order from the user ends any wait at once, unless the cleanup has
+begun.
 """
 
 from __future__ import annotations

@@ -117,7 +117,9 @@ class PlayerPipe:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
 
     def ask(self, question: PlayerQuestion) -> str:
-        """Return the user's answer, or the question's first choice if an `Order` comes first."""
+        """Send a question and return the user's answer. Return the first of `question.choices` if the user
+        sends an `Order` instead of an answer, or if the answer is not among the choices.
+        """
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:

@@ -39,8 +39,8 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""After the order to stop, the parent kills a player that sends no message for this many seconds. A working
-player sends messages more often, even if the controller is silent.
+"""After the order to stop, the parent kills a player that sends no message for this many seconds. A player
+that works never pauses so long between two messages, even if the controller is silent.
 """
 
 _SERIAL_MARGIN = 5000
@@ -174,7 +174,11 @@ class PlayerProcess:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Start a cleanup process. Return a `PlayEnded` if no cleanup is needed, or if the cleanup fails."""
+        """Start a cleanup process, and return a `PlayerProblem` that reports the crash.
+
+        Return a `PlayEnded` if no cleanup is needed, if the cleanup process cannot start, or if the process
+        that crashed is the cleanup process.
+        """
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
@@ -233,7 +237,7 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
 
 
 class ArmedMessageLogger:
-    """Logs the armed calls that a player sends to a real controller; ignores bcapscope's simulator."""
+    """Logs a player's calls that need arming, but no calls to bcapscope's simulator."""
 
     def __init__(self, logger: ArmedCallLogger) -> None:
         self._logger = logger

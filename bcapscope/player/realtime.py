@@ -1,8 +1,8 @@
 """Prevent delays of the player: real-time priority, locked memory, no garbage collection.
 
 A process with SCHED_FIFO runs before all programs without real-time priority (sched(7)). Locked memory is
-never swapped to disk (mlockall(2)). A process with a short time slice gets the processor sooner, but gets no
-more processor time (Linux 6.12, sched-eevdf).
+never swapped to disk (mlockall(2)). A process with a short time slice gets the processor sooner than other
+processes, but its share of processor time stays the same (Linux 6.12, sched-eevdf).
 """
 
 from __future__ import annotations
@@ -52,9 +52,10 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
     """Run a `with` block with the highest priority that the system grants.
 
-    Real-time priority and locked memory can disturb other programs, so the function asks for them only if
-    `is_wanted`. In the block, the garbage collector ignores older objects, because examining these objects
-    costs milliseconds. Without `collect_garbage`, the garbage collector is off.
+    Real-time priority and locked memory can disturb other programs. `realtime_priority` therefore requests
+    both from the operating system only if `is_wanted`. In the block, the garbage collector ignores older
+    objects, because examining these objects costs milliseconds. Without `collect_garbage`, the garbage
+    collector is off.
     """
     gc.collect()
     gc.freeze()

@@ -25,7 +25,7 @@ DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # minimum and maximum braking time in seconds
-_STOP_GROWTH = 1.5  # `stop_after` multiplies a braking time that is too short by this factor
+_STOP_GROWTH = 1.5  # if a braking time is too short, `stop_after` multiplies the time by this factor
 _DEFAULT_STOP = 0.5  # minimum braking time in seconds if an acceleration limit is unknown
 _ROUNDING = 1e-9  # tolerance for rounding errors in a computed number of cycles
 
@@ -33,7 +33,8 @@ _ROUNDING = 1e-9  # tolerance for rounding errors in a computed number of cycles
 def resample(
     trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
 ) -> Trajectory:
-    """Return the trajectory with other times, and the same first and last point.
+    """Return a trajectory along the same path, with one set point every `period` seconds. The first and the
+    last point stay the same.
 
     If `trajectory` has times but no period, the times must increase. If `trajectory` has neither times nor a
     period, `period` becomes its period.
@@ -114,7 +115,9 @@ def stop_after(
 
 
 def _curve_parameters(end: float, period: float, speed: float, ramp: float) -> Array:
-    """Return the curve's parameter for each cycle. The parameter grows from 0 to `end`."""
+    """For each cycle, return the position on the path, expressed as a time in the original trajectory in
+    seconds. This time grows from 0 to `end`.
+    """
     time = end / speed
     if not time / period < MAX_POINTS - ramp / period - 2:
         raise TrajectoryError(Message("resample.too-long", time=f"{time:.3g}", period=f"{period:.3g}"))
@@ -142,8 +145,10 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the way since the ramp began; `part` (0 to 1) is the elapsed share of the ramp. A way of 1
-    is what full speed covers in the time of a whole ramp. The ramp itself covers 0.5.
+    """Return the distance from the start of a ramp, after the share `part` (0 to 1) of the ramp's duration.
+
+    The distance is relative: 1 is the distance that the robot covers at full speed in the duration of a ramp.
+    The whole ramp covers a distance of 0.5.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

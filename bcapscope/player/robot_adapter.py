@@ -116,7 +116,9 @@ class RobotAdapter:
             await self.robot.slv_change_mode(0)
 
     async def is_robslave_ready(self) -> bool:
-        """Return whether RobSlave runs; True after RC7, because slave mode then needs no RobSlave."""
+        """On RC7, return whether RobSlave runs. On other controllers, return True, because their slave mode
+        needs no RobSlave.
+        """
         if self.generation is not Generation.RC7:
             return True
         await self._opener.open_remote(Task)
@@ -249,7 +251,8 @@ class RobotAdapter:
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
     """Return the difference, in degrees or mm, of the axis that differs most; ignore Fig.
 
-    Direction cosines count as angles. RC7 may report only six joints; ignore axes that one pose lacks.
+    Direction cosines count as angles. Compare only the axes that both poses have: RC7 may report only six
+    joints.
     """
     before, after = paired_rows(kind, here, there)
     ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)

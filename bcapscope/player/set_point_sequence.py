@@ -21,7 +21,8 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far, including a stop, without the repeated first and last.
+        index: Number of set points returned so far. The points of a stop count. Repetitions of the first or
+            last point do not count.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """

@@ -23,7 +23,7 @@ ROTATION_COLUMNS = slice(3, 6)
 """Columns of P type that hold rotations in degrees; 180 and -180 are the same rotation."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""Column of the posture number Fig. A value between two posture numbers means nothing."""
+"""Column of Fig, the number of the arm's posture. Values between two whole numbers have no meaning."""
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 """Columns that hold the two unit vectors of a T-type pose. The two unit vectors are at a right angle."""
@@ -41,7 +41,9 @@ class SmoothCurve:
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
 
     def sample(self, parameters: Array) -> Array:
-        """Return one pose per parameter; outside the curve, return the curve's first or last pose."""
+        """Return the pose on the curve for each number in `parameters`. For numbers before the first knot or
+        after the last knot, return the curve's first or last pose.
+        """
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]

@@ -194,9 +194,12 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Split a log where its counter has a gap. Return a pair for each part (first record, record after the
-    last), and the median increase of the counter per record. If the counter grows too unevenly, return one
-    part and None.
+    """Split the records of a log at gaps. `counter` holds one number per record, which grows steadily unless
+    records are missing.
+
+    Return a pair for each part (first record, record after the last), and the median increase of the counter
+    per record. If the counter does not grow, is not finite, or has at least `MAX_PARTS` gaps, return one part
+    for the whole log and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

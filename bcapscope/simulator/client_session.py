@@ -125,7 +125,8 @@ class ClientSession:
         self.machine.open_objects[self.number] = self.objects
 
     def _connect(self, arguments: Arguments) -> Variant:
-        """Open the controller. RC7 ignores all four arguments; other controllers check the provider's name.
+        """Handle Controller_Connect. RC7 accepts any provider, and a name that is already in use. The other
+        controllers refuse an unknown provider, and refuse a used name without the option @IfNotMember.
 
         If a client crashes, the names of its controller objects stay in use until the client is removed.
         """

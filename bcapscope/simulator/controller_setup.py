@@ -57,8 +57,8 @@ def start_controller(
 ) -> tuple[Simulator, Simulator | ScenarioRunner]:
     """Start a simulator in the initial state of a scenario, on the monotonic clock.
 
-    Return the simulator, and the model for the `SimulatorServer`. The model is a `ScenarioRunner` if the
-    scenario has faults, events or variables; otherwise, the model is the simulator itself.
+    Return the simulator, and the object to which a `SimulatorServer` passes the clients' traffic. This object
+    is a `ScenarioRunner` if the scenario has faults, events or variables. Otherwise, it is the simulator.
     """
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)

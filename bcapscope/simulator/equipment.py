@@ -124,7 +124,9 @@ class Hand:
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
-        """Begin a motion to `goal` mm or, with a `force` in N, a grip. Return the time in ns of its end."""
+        """Begin to move the fingers to a width of `goal` mm; with a `force` in N, grip an object on the way.
+        Return the time in ns at which the motion ends.
+        """
         start, thing = self.width(now), self.object_width
         self._touches_object = thing is not None and goal < thing <= start
         self._final_width = thing if thing is not None and self._touches_object else goal

@@ -1,7 +1,8 @@
 """Commands for hands, groups of robots, forces, areas, scenes and buttons, and the extensions Hand0 and Comm.
 
-No force acts on the simulated robot. The simulator has only one arm, so SyncTimeStart and similar commands
-only check their order.
+No force acts on the simulated robot. On a real controller, SyncTimeStart and SyncMoveStart synchronise
+several robots. The simulator has only one robot, so these commands change no motion. The simulator only
+refuses a start command before the previous end command, and an end command without a start command.
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
 """The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
 
 A function without a handler returns E_NOTIMPL. Some fields of an error describe the program that caused the
-error; in the simulator, these fields are 0 or empty. The RC8 provider has no Drive (VE026A_JNI.java by
-Suzuki, 2015). The simulator has Drive, because clients need this function. The simulator lacks Rotate,
-because no document describes the planes of Rotate.
+error; in the simulator, these fields are 0 or empty.
+
+DENSO's provider for RC8 lacks the function Robot_Drive (VE026A_JNI.java by Suzuki, 2015). The simulator has
+Robot_Drive in every profile, because clients need this function. The simulator lacks Robot_Rotate, because no
+document describes the planes in which Robot_Rotate turns.
 """
 
 from __future__ import annotations

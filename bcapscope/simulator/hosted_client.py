@@ -40,7 +40,7 @@ class HostedClient(ABC):
     @property
     @abstractmethod
     def running(self) -> object:
-        """True, or the running call, if the host must call `poll`; False or None otherwise."""
+        """Truthy while a call runs, so that the host must call `poll`; falsy otherwise."""
 
     @property
     def _is_unanswered(self) -> bool:

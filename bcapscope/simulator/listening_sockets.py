@@ -16,7 +16,9 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted. A further client connects a second later."""
+"""Maximum number of connections that wait to be accepted. If this number is reached, Linux ignores the next
+client. That client tries again after one second.
+"""
 
 
 class SimulatorListenError(BcapError):
@@ -33,7 +35,7 @@ def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
             tcp.close()
             if not attempts_left:
                 raise
-    raise AssertionError("the last attempt returns or raises")
+    raise AssertionError("the loop always returns or raises")
 
 
 def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:

@@ -256,8 +256,8 @@ class Machine:
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
         """End all motions, slave mode and RobSlave. The error is active until ClearError.
 
-        An error of level 4 or above, a set point beyond a limit, and the emergency stop switch the motor off.
-        `is_reported` is as in `stop`.
+        Three kinds of errors also switch the motor off: an error of level 4 or above, the emergency stop, and
+        a set point beyond a limit. `is_reported` is as in `stop`.
         """
         self._add_alarm(code, now)
         self.stop(now, code, is_reported)

@@ -1,7 +1,8 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
-Unless the option is NEXT, a call lasts until the commanded joints reach the target. With @E, the call lasts
-until the encoders reach the target. With @P, the call ends earlier, and the next motion may then begin.
+A call usually ends when the commanded joints reach the target. With the pass motion @E, the call ends later,
+when the encoders reach the target. With @P, the call ends before the joints reach the target, and the next
+motion may begin as soon as the call has ended. With the option NEXT, the call ends at once.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """A line or circle becomes a PTP motion to the end point. A free curve does not move the robot."""
+    """Handle Robot_Move. A line or circle becomes a PTP motion to the end point. For a free curve, the call
+    succeeds but the robot stays where it is, because the simulator stores no curves.
+    """
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))
@@ -126,8 +129,9 @@ def _parse_options(option: str, read: ReadVariable) -> tuple[float | None, int, 
     """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`.
 
     Return the internal speed in percent (None if not given), the minimum duration in ns, and whether the call
-    returns before the motion ends. The unit of TIME, ms, is assumed. Source of the options' names:
-    VE026A_JNI.java by Suzuki and the samples. ACCEL and DECEL are checked but do not change the motion.
+    returns before the motion ends. The unit of TIME, ms, is assumed. The names of the options come from two
+    sources: Suzuki's VE026A_JNI.java, and ShoheiKobata/orin_bcap_python_samples. ACCEL and DECEL are checked
+    but do not change the motion.
     """
     text = option[:LONGEST_POSE_TEXT].upper()
     given = {name: _option_number(value, read) for name, value in _OPTION.findall(text)}
@@ -212,7 +216,10 @@ def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]
 
 
 def _axis_moves(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
-    """Read axes with angles, and the pass motion; DENSO's ROS driver sends a pair as `[pair, type, pass]`."""
+    """Read text or an array of pairs `[axis, angle]`. Return the pairs, and the pass motion or None.
+
+    DENSO's ROS driver replaces each pair with an array: the pair, a type and the pass motion.
+    """
     if isinstance(axes.value, str):
         return _axis_moves_of_text(axes.value)
     ways, passing = [], None

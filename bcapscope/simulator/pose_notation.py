@@ -62,8 +62,8 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    # In an array of two to four items, the first item may be the number of a variable. The pose type and the
-    # pass motion follow the first item.
+    # An array of two to four items is too short for a pose of numbers. Its first item is an array of
+    # coordinates or the number of a variable. The other items are the pose type, pass motion and extra axes.
     if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)

@@ -34,9 +34,11 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies without a value contain no VARIANT, instead of a VARIANT of type VT_EMPTY. This choice
-    concerns only calls that can return a value. DENSO's C# and Java clients throw an exception if such a
-    reply contains no VARIANT.
+    """Selects the replies that contain no VARIANT if a call has no value to return. In all other replies, a
+    VARIANT of type VT_EMPTY stands for the missing value.
+
+    `NoArgument` affects only functions that can return a value. If the reply to such a function contains no
+    VARIANT, DENSO's C# and Java clients throw an exception.
     """
 
     NEVER = "never"

@@ -202,8 +202,8 @@ def _timed_pose(context: CallContext, pose_type: PoseType) -> Variant:
 
 
 def _motion_complete(context: CallContext) -> Variant:
-    """Return whether the motion command has ended. If the second parameter is 1, return whether the encoders
-    are at rest.
+    """If the second parameter is 1, return whether the encoders are at rest. Otherwise, return whether the
+    motion command has ended.
     """
     if context.items.integer(1, default=0) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
@@ -211,7 +211,9 @@ def _motion_complete(context: CallContext) -> Variant:
 
 
 def _servo_data(context: CallContext) -> Variant:
-    """Return the lag of the encoders in degrees, whatever number the client sends."""
+    """Return by how many degrees the encoder of each axis lags. On a real controller, the number that the
+    client sends selects other data, such as 4 for the torque. The simulator ignores this number.
+    """
     integer_of(context.parameter)
     return float_array(VT.R8, currents(context))
 

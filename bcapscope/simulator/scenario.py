@@ -67,7 +67,7 @@ class ScenarioTransport(StrEnum):
 
 
 class ClientProgram(StrEnum):
-    """What the client of a scenario does. Each program succeeds if no fault occurs."""
+    """The program that the client of a scenario runs. If no fault occurs, each of these programs succeeds."""
 
     CALLS = "calls"
     """Connect, read and write a few variables, and disconnect."""

@@ -28,7 +28,9 @@ refuses such clients.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Time in ns without a request after which a new client may replace a UDP client, if all places are taken."""
+"""If the maximum number of UDP clients is reached, a new client can replace the client that was silent
+longest, but only if that client sent no request for this time in ns.
+"""
 
 LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
@@ -103,7 +105,9 @@ class ClientHost:
         return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Return whether a connection is accepted. If `is_stop`, up to `STOP_CLIENTS` more are accepted."""
+        """Accept a TCP connection, or return False if there are too many clients. The limit is `MAX_CLIENTS`.
+        If the first request is a stop (`is_stop`), the limit is higher by `STOP_CLIENTS`.
+        """
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, False, now)
@@ -235,7 +239,9 @@ class Simulator(ClientHost):
 
     @property
     def runs_in_real_time(self) -> bool:
-        """True in a slave mode where the client sets the pace: the simulated time then never stops."""
+        """True in a slave mode where the client sets the pace. The simulated clock then never stops. In all
+        other states, the clock may stop while other programs use the processor.
+        """
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 

@@ -1,11 +1,12 @@
 """The clock of the simulated controller. The clock stops while this process gets no processor.
 
-A real controller never waits for a processor. If the clock did not stop, a period of 8 ms could end before
-the simulator sends the reply that triggers the next set point.
+On a real controller, no other program delays the replies. The simulator may have to wait while other programs
+use the processor. If the clock went on during this wait, a period of 8 ms could end before the simulator
+sends the reply that triggers the next set point.
 
 The model processes each frame with the arrival time that the operating system recorded, even if the simulator
-reads the frame late. The clock never stops in a mode where the client sets the pace, because this client does
-not wait for replies.
+reads the frame late. In a slave mode where the client sets the pace, the clock never stops. In such a mode,
+the client sends set points without waiting for replies, even while the simulator gets no processor.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns of a due event or an arrived request. The simulated time omits longer delays."""
+"""Longest normal delay in ns with which the simulator processes a due event or an arrived request. If the
+delay is longer, the simulated time does not advance during the delay.
+"""
 
 
 class ClockedModel(Protocol):
@@ -42,14 +45,18 @@ class SimulatorClock:
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        # begin and end of the newest pause in `monotonic` time, and the simulated time of the whole pause
+        # `_pause_began` and `_pause_ended` limit the newest pause, in `monotonic` time. `_paused_at` is the
+        # simulated time at which the clock stood still during this pause.
         self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the simulated time. If an event is long overdue, this is the event's due time."""
+        """Return the simulated time. If an event is overdue by more than `STALL_NS`, first set the clock back
+        to the time at which the event was due. In modes where the client sets the pace, never set the clock
+        back.
+        """
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -63,9 +70,12 @@ class SimulatorClock:
     def arrival_time(self, received_at: int) -> int:
         """Convert a request's arrival time from ns since 1970 (`received_at`) to the simulated time.
 
-        If the simulator reads a request more than `STALL_NS` after the arrival, the simulated time goes back
-        to the arrival. During a running call, the simulated time does not go back, because a request during a
-        call is usually a retry. Only the newest pause is stored: few requests wait through two pauses.
+        If the simulator reads a request more than `STALL_NS` after the arrival, the clock is set back to the
+        arrival. While a call runs, the clock is not set back: a request is then usually a retry, which starts
+        no new call. In modes where the client sets the pace, the clock is never set back.
+
+        For a request that arrived before the newest pause of the clock, the result ignores
+        earlier pauses, because few requests remain unread during two pauses.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)

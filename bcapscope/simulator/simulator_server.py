@@ -32,15 +32,16 @@ LARGEST_BACKLOG = 1 << 20
 LONGEST_WAIT = 0.5
 """Longest wait for traffic in seconds. On every system, the server notices Ctrl-C within `LONGEST_WAIT`."""
 
-# Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
-# processor takes longer than answering a call. If the server yielded the processor instead of polling,
-# another program could use the processor for a whole time slice.
+# After a request, the server polls its sockets for this time in ns instead of sleeping. On a virtual machine,
+# waking an idle processor takes longer than answering a call. The server does not yield the processor between
+# two polls, because another program could then use the processor for a whole time slice.
 _SPIN_NS = 60_000
 
 _MAX_DATAGRAMS = 1024  # maximum number of datagrams to read in a row
 _READ_SIZE = 256  # maximum number of bytes to read from one connection in a row
 _READ_SIZE_PACED = 16384  # maximum number of bytes per read in modes where the client sets the pace
-# If the pattern matches inside a frame, the server delivers the frame in two pieces, which is harmless.
+# Matches between the end of a frame (0x04) and the start of the next frame (0x01). The bytes 0x04 0x01 can
+# also occur inside a frame. The server then delivers this frame in two pieces, which is harmless.
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")
 _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
 _SPARE_DESCRIPTORS = 3  # number of file descriptors reserved for clients that send a stop
@@ -92,10 +93,10 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
-    Each request keeps the arrival time that Linux records. On TCP, Linux records only the arrival of the last
-    byte. In modes where the client sets the pace, the server may read several set points together. The server
-    spreads the arrival times of these set points evenly over the time since the client's previous bytes
-    arrived.
+    Each request keeps the arrival time that Linux records. If the server reads several requests at once from
+    a TCP connection, Linux reports only when the last byte arrived. In modes where the client sets the pace,
+    the server may read several set points together. The server spreads the arrival times of these set points
+    evenly over the time since the client's previous bytes arrived.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -134,7 +135,9 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve for at most `until` seconds. Return the descriptors in `extra` that became readable."""
+        """Wait up to `until` seconds for traffic, and process the traffic. Return the descriptors in `extra`
+        that became readable.
+        """
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -192,7 +195,9 @@ class SimulatorServer:
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If many are readable (`is_crowded`), read the datagrams after each TCP segment."""
+        """Read from the socket `source`. `is_crowded` means that more than two sockets are readable. The
+        server then also reads the waiting datagrams after each TCP segment.
+        """
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -204,7 +209,9 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Read the waiting datagrams. Answer the first one if the queue is empty, and queue all others."""
+        """Read the waiting datagrams. If `datagram_queue` is empty, answer the first datagram at once. Add
+        all other datagrams to `datagram_queue`.
+        """
         receive, turns = self._receive, self.datagram_queue
         # If `_may_be_more` is False, `_arrival_time` does not need an arrival time from the operating system.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
@@ -408,7 +415,8 @@ def serve(
 ) -> None:
     """Serve until interrupted, and call `idle` after each step; `idle` returns whether it has more work.
 
-    `on_readable` gets each readable descriptor of `extra`, and may change `extra`.
+    `extra` lists further file descriptors to watch, such as standard input. When one of these becomes
+    readable, `on_readable` is called with the descriptor. `on_readable` may remove descriptors from the list.
     """
     is_busy = False
     while True:

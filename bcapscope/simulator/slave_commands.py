@@ -35,7 +35,7 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""A set point is invalid if its numbers form a vector of this length or more."""
+"""A set point is invalid if the square root of the sum of its squared numbers is not below this value."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -222,7 +222,9 @@ def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return the simulated motor current of each axis: the number of degrees by which its encoder lags."""
+    """Return one number per axis in place of the motor current, which the simulator does not compute. The
+    number is the difference between the commanded and the measured angle in degrees.
+    """
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

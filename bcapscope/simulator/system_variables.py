@@ -70,7 +70,9 @@ def write_variable(context: CallContext) -> HandlerOutcome:
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
-    """Return the names of an owner's variables; numbered variables occur once per letter, such as `I0`."""
+    """Return the names of an owner's variables. Of numbered variables such as `I0`, `I1` and so on, return
+    only the name with the number 0.
+    """
     letters = (*LETTERS, *FRAMES) if owner is ObjectClass.CONTROLLER else ()
     return (
         *(f"{letter}0" for letter in letters if _exists_on(generation, letter)),
@@ -79,7 +81,9 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
 
 
 def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
-    """Return a variable's letter and number. For a name such as `I*`, PutID has set the number."""
+    """Return the letter and number of a variable such as `I5`; None for any other variable. If the name has
+    `*` instead of a number, as in `I*`, the number is the id that the client stored with PutID.
+    """
     match = _NUMBERED.fullmatch(context.object.name.strip().upper())
     if match is None or _owner(context).kind is not ObjectClass.CONTROLLER:
         return None
@@ -142,7 +146,9 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
 }
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""In slave mode, the controller refuses writes to these variables, and equivalent commands and functions."""
+"""Variables that clients cannot write in slave mode. `is_allowed_in_slave_mode` refuses the commands and
+functions that have the same effect, such as Motor and Task_Start.
+"""
 
 
 def _speed(field: str) -> VariableReader:

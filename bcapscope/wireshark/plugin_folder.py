@@ -18,7 +18,8 @@ from bcapscope.wireshark.dissector import dissector_text
 IS_WINDOWS = sys.platform == "win32"
 LAUNCHER_NAME = "bcapscope.bat" if IS_WINDOWS else "bcapscope"
 DISSECTOR_NAME = "bcapscope.lua"
-COLORING_RULES_NAME = "bcapscope.colorfilters"  # users import this file: Wireshark loads only .lua files
+# Wireshark loads only .lua files from its plugin folder, so the user must import the coloring rules.
+COLORING_RULES_NAME = "bcapscope.colorfilters"
 
 _OWN_MARK = b"bcapscope"
 _MARK_WITHIN = 400  # bytes
