@@ -185,7 +185,9 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Yield the result of `render` for each selected frame, its kind of call, and its packet's comments."""
+    """Call `render` for each selected frame, and yield the results. The arguments of `render` are the frame,
+    the frame's kind of call, and the comments on the frame's packet.
+    """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
     about, comments = RecentRequests().kind_of, reader.comments

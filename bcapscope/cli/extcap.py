@@ -31,8 +31,8 @@ from bcapscope.wireshark.capture_sources import (
     "--extcap-capture-filter",
     "capture_filter",
     metavar="FILTER",
-    help="Without --capture, print why capture filters are not supported. With "
-    "--capture, this option has no effect.",
+    help="Wireshark checks a capture filter with this option. Without --capture, print that capture filters "
+    "are not supported. With --capture, this option has no effect.",
 )
 @click.option("--extcap-version", metavar="VERSION", expose_value=False, help="Has no effect.")
 @click.argument("given", nargs=-1, type=click.UNPROCESSED, metavar="[OPTION]...")

@@ -144,7 +144,9 @@ class _TrajectoryFile:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The files of all sessions. Files get their names at the end, because a single file gets no number."""
+    """The files of all sessions. With several files, each name contains the number of the session; a single
+    file has no number. Therefore only `commit`, which knows how many files there are, gives the final names.
+    """
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()

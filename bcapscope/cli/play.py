@@ -151,10 +151,11 @@ def command(
     FILE is a control log or other CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
     capture, or a WINCAPS III project.
 
-    `play` first shows how it understood the file, and the problems that the pre-flight check found. A
-    separate process then starts RobSlave (RC7), takes the arm and switches the motor on. The process moves
-    the robot to the first set point, enters slave mode and sends the set points. At the end, `play` restores
-    the state that it found at its start. The action log records the calls that energise or move a robot.
+    `play` first shows how it understood the file, and the problems that the pre-flight check found. After
+    that, a separate process on this computer, the player, starts RobSlave (RC7), takes the arm and switches
+    the motor on. The player moves the robot to the first set point, enters slave mode and sends the set
+    points. At the end, `play` restores the state that it found at its start. The action log records the calls
+    that energise or move a robot.
 
     While `play` runs, press s, space, Ctrl-C or Ctrl-Z to bring the robot to rest on its path. Press h,
     Escape twice or Ctrl-C twice to halt the robot at once.

@@ -246,8 +246,8 @@ class _PreflightCheck:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check each series of set points. If a series fails, print the failed series and exit. Otherwise,
-        print all series if `shown` is True and --quiet is not set.
+        """Check each series of set points. If a series fails, print the failed series and exit. If no
+        series fails, print all series, but only if `shown` is True and --quiet is not set.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

@@ -34,8 +34,9 @@ _SESSION_TEXTS = {
     ClientProgram.MOTION: "moves the robot",
     ClientProgram.SLAVE: "enters slave mode 0x{:03X}",
     ClientProgram.PASSING: "enters slave mode 0x{:03X} after a motion with @P",
-    ClientProgram.GRIPPER: "is in slave mode 0x{:03X} while a second client writes an output",
+    ClientProgram.GRIPPER: "stays in slave mode 0x{:03X} while a second client writes an output",
 }
+"""What a client does. Each text continues the sentence "To see what happens, connect a client that"."""
 
 
 def _choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:

@@ -165,7 +165,7 @@ def _exit_without_folder() -> Iterator[None]:
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...], taken_at: CapturePoint | None) -> None:
-    # TrafficFeed starts a separate process that reads traffic. Meanwhile, this process loads the screen.
+    # `TrafficFeed` starts a separate process, which reads the traffic while this process loads the screen.
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 

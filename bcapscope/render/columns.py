@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""Ranges of East Asian characters that are two terminal columns wide. Text may be wrapped beside them."""
+"""Ranges of East Asian characters that are two terminal columns wide. A line may be wrapped before or after
+such a character.
+"""
 
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"  # must not begin a line
 
@@ -18,7 +20,9 @@ _INDENT = " " * 7
 _NARROWEST_ROW = 40
 
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
-"""Matches a word or one wide character, with spaces before it. Lines may be wrapped between two matches."""
+"""Matches a piece of a line: one word or one wide character, with the spaces before it, and the characters of
+`_CLOSING` after it. A line may be wrapped between two such pieces.
+"""
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:

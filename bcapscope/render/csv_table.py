@@ -95,8 +95,9 @@ class CsvTableRenderer:
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
         """Return the arguments as JSON, copied from the JSON object of the frame.
 
-        The first ``"args":`` is the member, because JSON escapes quotation marks inside strings. The result
-        begins with a bracket, so a spreadsheet does not evaluate the result as a formula.
+        The first ``"args":`` in the JSON is the name of the member `args`. These characters cannot be part of
+        a string value before it, because JSON escapes quotation marks inside strings. The result begins with
+        a bracket, so a spreadsheet does not evaluate the result as a formula.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

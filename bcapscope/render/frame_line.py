@@ -156,13 +156,17 @@ def _addresses(flow: Flow) -> str:
 
 
 LONGEST_STRING = 120
-"""Maximum number of characters of a string. For a UI1 array, lines show at most half as many bytes."""
+"""Maximum number of characters of a string in a line. Of a UI1 array, a line shows at most half as many
+bytes as this number, because each byte takes two hexadecimal digits.
+"""
 
 MAX_ELEMENTS = 32  # elements of an array in a line
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 FormatPlace: TypeAlias = tuple[int | slice, Callable[[Any], AnyStr]]
-"""Index or slice of a frame's numbers for a placeholder, and a function that formats the numbers."""
+"""What to insert for one placeholder: an index or slice selects numbers of the frame, and the function
+formats the selected numbers.
+"""
 
 _SHOWN_BEFORE = ("bstrCommand",)  # arguments that a line shows next to the function's name
 
@@ -170,8 +174,9 @@ _SHOWN_BEFORE = ("bstrCommand",)  # arguments that a line shows next to the func
 class PlaceholderFormat(Generic[AnyStr]):
     """A %-format for a line of text or a JSON object.
 
-    The first placeholders of the format take the values of `head`. The other placeholders take numbers from
-    the frame: one placeholder per element of `places`.
+    The first placeholders of the format stand for the values of `head`, in order. All further placeholders
+    stand for numbers of the frame. Each of these has one element in `places`, which says which numbers to
+    insert, and how to format them.
     """
 
     __slots__ = ("places", "text")

@@ -167,7 +167,8 @@ def _make_record_template(
         zip(frame.arguments, number_counts(frame.arguments), strict=True)
     ):
         variant = argument.variant
-        # if `taken` is 0, the argument has the same value in all frames that use the template
+        # `taken` counts the numbers of the argument that may differ between the frames of this template. If
+        # `taken` is 0, the argument has the same value in all these frames.
         used = converter if taken else _ArgumentConverter(tuple(iter_numbers(variant)))
         arguments.append({"name": text_fragment(role(function_id, index).name), **used.members(variant)})
     members = {

@@ -27,13 +27,14 @@ MAX_ELEMENTS = 32  # elements of an array; the option `full` shows all elements
 class FieldRowKind(Enum):
     FIELD = "field"  # a field with inner fields, whose rows follow
     LEAF = "leaf"  # a field without inner fields
-    PROBLEM = "problem"  # a problem of a field; the row has the offsets of the affected bytes
+    PROBLEM = "problem"  # a problem with the bytes from `start` to `stop` of the row
     NOTE = "note"  # a remark about a result code; the row has no bytes
 
 
 class FieldRow(NamedTuple):
     """A row of the tree. `start` and `stop` are offsets in the body of the section. `name` and `text` are
-    escaped. `failed` says whether an HRESULT means failure. For other fields, `failed` is None."""
+    escaped. If the field is an HRESULT, `failed` says whether it means failure; otherwise, `failed` is None.
+    """
 
     kind: FieldRowKind
     depth: int

@@ -42,7 +42,9 @@ def numbers_text(values: tuple[int | float, ...]) -> str:
 
 
 def singles_text(values: tuple[float, ...]) -> str:
-    """Write R4 values as `single_text` does, separated by commas, in one step if seven digits suffice."""
+    """Write R4 values as `single_text` does, separated by commas. If seven digits suffice for all values,
+    this function does not call `single_text` for each value, but writes all values together.
+    """
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
     return (

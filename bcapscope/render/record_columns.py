@@ -114,7 +114,9 @@ class ColumnRenderer:
     def lines(
         self, records: Iterable[object], format_: ColumnFormat | None
     ) -> Iterator[str] | Iterator[bytes]:
-        """Return a header line and one line of text or CSV per record, or only one JSON object per record."""
+        """Return one line per record. Text and CSV begin with a header line. In JSON, each line is an object,
+        and there is no header line.
+        """
         if format_ is ColumnFormat.JSON:
             return map(self._json_object, records)
         names = [each.name for each in self._columns]

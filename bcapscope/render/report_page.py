@@ -210,8 +210,8 @@ def _moment(time: int) -> str:
 
 def _script_text(code: str) -> str:
     """Escape ``</script`` and ``<!--`` in JavaScript, so that the browser does not end the script element
-    early. The code must contain ``</script`` and ``<!--`` only in strings. In a JavaScript string, an escape
-    with a backslash does not change the value.
+    early. Outside strings, the code must not contain ``</script`` or ``<!--``. In a JavaScript string, an
+    escape with a backslash does not change the value.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

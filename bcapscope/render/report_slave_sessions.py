@@ -210,7 +210,9 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Mark each set point that has a duration. The height of the mark is the duration in ms."""
+        """Yield a trace with a mark for each set point in `facts`. The number beside a set point is a
+        duration in ms, such as the cycle time: the height of the mark. A set point with None gets no mark.
+        """
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")
         texts = [

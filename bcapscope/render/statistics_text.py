@@ -36,8 +36,9 @@ from bcapscope.traffic.observation import Conversation
 _PLACE_COLUMNS = ("frames", "lost", "p50", "p90", "p99", "max", "error")
 
 MAX_ROWS = 40
-"""Maximum number of rows of a text table; JSON contains all rows. The table of clients shows those with the
-most calls. A client's own table shows the kinds of call with the largest `line_time_share`."""
+"""Maximum number of rows of a text table; JSON contains all rows. The table of all clients shows the clients
+with the most calls. The table of one client shows the kinds of call with the largest `line_time_share`.
+"""
 
 _LONGEST_NAME = 40
 _COLUMNS = (

@@ -16,7 +16,7 @@ client's value exactly. A missing value is an empty cell (null in JSON). Program
     Time of the accepted reply, counted like ``time_s``.
 ``controller_time_ms``
     The controller's time stamp. The time stamp wraps, because the controller sends a signed 32-bit number of
-    ms or µs. The column is missing if the replies have no time stamps.
+    ms or µs. If the replies have no time stamps, the file has no column ``controller_time_ms``.
 ``retries``, ``hresult``, ``call``
     Number of retries, unsigned result code, and number of the call in the output of `bcapscope calls`.
 

@@ -14,9 +14,9 @@ from bcapscope.render.number import currency_text, date_text, number_text, singl
 
 LONGEST_STRING = 60  # default maximum number of characters of a string
 
-MAX_ELEMENTS = 512  # elements of an array in a reply's value
+MAX_ELEMENTS = 512  # maximum number of elements of an array in a reply's value
 
-LONGEST_REPLY_STRING = 4000  # characters of a string in a reply's value
+LONGEST_REPLY_STRING = 4000  # maximum number of characters of a string in a reply's value
 
 _DECIMALS = 5  # b-CAP Tester shows 5 decimals (DENSO Wave 2009, How to use the Slave mode)
 _EMPTY = "(EMPTY)"

@@ -35,10 +35,14 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Time limit in seconds for all `closers` together. Then the screen closes, even if a closer still runs."""
+"""Time limit in seconds for all `closers` together. After this time, the screen closes, even if a closer
+still runs.
+"""
 
 HALT_KEY_WINDOW = 0.5
-"""Minimum time in seconds from a halt by the terminal driver to another halt by `action_halt`."""
+"""Time in seconds in which `action_halt` does not halt again after `_halt_by_key`. For each press of a HALT
+key, the terminal driver calls `_halt_by_key` first, and Textual calls `action_halt` later.
+"""
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
@@ -59,7 +63,7 @@ class ScreenEntry(NamedTuple):
 class BcapApp(KeyOrderApp):
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - Textual declares a list
     TITLE = "bcapscope"
-    ENABLE_COMMAND_PALETTE = False  # Textual's palette; `BaseScreen` opens bcapscope's palette
+    ENABLE_COMMAND_PALETTE = False  # bcapscope has its own palette, which `BaseScreen` opens
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", priority=True),
         Binding(HALT_KEYS[0], "halt", "shell.halt", priority=True),
@@ -153,13 +157,13 @@ class BcapApp(KeyOrderApp):
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
-        """Register a callback that stops motion without waiting. The callback returns True if it stopped a
-        motion. Any thread may call the callback, which must not raise an exception.
+        """Register a callback that stops the robot. The callback must not block and must not raise an
+        exception. It returns True if it stopped a motion. Any thread may call the callback.
         """
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Call all HALT callbacks; return whether one of them stopped something. Any thread may call this."""
+        """Call all HALT callbacks; return True if one of them stopped a motion. Any thread may call this."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:

@@ -1,7 +1,8 @@
-"""Ink marks: control characters in rendered lines. A mark sets the style of the text after the mark.
+"""Ink marks: control characters that set the style of the text on the screen.
 
-Renderers write the style codes of a `Palette`. The style codes of the palette `INK` are ink marks. bcapscope
-escapes control characters in text from the wire, so this text cannot contain ink marks.
+An ink mark applies to the text after it, up to the next ink mark. Renderers mark styles with the codes of a
+`Palette`; the codes of the palette `INK` are ink marks. Text from the wire cannot contain ink marks, because
+bcapscope escapes the control characters in text from the wire.
 """
 
 from __future__ import annotations

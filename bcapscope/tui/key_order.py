@@ -1,8 +1,9 @@
 """Handles keys one after the other. A key goes to the widget that has the focus after the previous key.
 
-Textual chooses the widget for a key as soon as it reads the key, but an earlier key may still move the focus.
-Fast typing, pasting and remote terminals can deliver `/` and letters at once. With Textual's choice, the
-letters would not reach the input field that `/` opens.
+Without this module, Textual chooses the widget for a key as soon as Textual reads the key, although an
+earlier key may still move the focus. For example, `/` opens an input field. If the user types fast or pastes
+text, or if the terminal is remote, `/` and the next letters can arrive together. Textual would then deliver
+the letters to the widget that had the focus before `/`, and not to the input field.
 """
 
 from __future__ import annotations

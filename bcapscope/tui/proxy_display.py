@@ -182,8 +182,11 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return an edit such as ``set arg[2]=0`` with the present value of an argument: the argument at a byte
-    offset, otherwise the last one. Skip arguments that cannot be written as text; return "" if none remains.
+    """Return an edit such as ``set arg[2]=0``, with the present value of the argument at a byte offset.
+
+    If no argument is at `offset`, or if this argument cannot be written as text, use the last argument that
+    can be written as text. Return "" if there is no such argument, or if `data` does not begin with a valid
+    frame.
     """
     frame = next(iter(parse_datagram(data)), None)
     if not isinstance(frame, Frame) or frame.problems:

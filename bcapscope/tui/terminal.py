@@ -76,8 +76,8 @@ class _HangupSafeFile:
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
     """Extend a browser driver, so that the event loop calls `on_end` when the viewer or the web server is
-    gone. Textual's own browser driver would raise an error, or the screen would continue to run unseen.
-    Return any other driver unchanged.
+    gone. With Textual's own browser driver, a write to the vanished web server would raise OSError. If
+    nothing was written, the screen would continue to run unseen. Return any other driver unchanged.
     """
     if not issubclass(driver, WebDriver):
         return driver
@@ -108,7 +108,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
 
 
 _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
-_IDEOGRAPHIC_SPACE = "\u3000"  # not printable according to Python, but frequent in Japanese texts
+_IDEOGRAPHIC_SPACE = "\u3000"  # a space that is frequent in Japanese texts; `isprintable` returns False
 
 
 class ControlCharFilter(LineFilter):

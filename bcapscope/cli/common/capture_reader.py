@@ -128,7 +128,9 @@ class CaptureReader(CaptureInput):
     def record_test(
         self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records. `print_summary` reports if none matches."""
+        """Return a function that tests whether a record matches the filter `wanted`. `number_of` returns the
+        number of a record. If no tested record matches, `print_summary` reports this.
+        """
         self._filter = wanted
         test = wanted.bind(getters, lambda: self.first_time)
 

@@ -24,7 +24,8 @@ def columns_option(kind: RecordKind) -> Decorator:
         metavar="NAME,NAME...",
         callback=parsed_by(lambda text: parse_columns(text, kind)),
         help="Show only these fields, such as t,command,arg[1]; also with --json and --csv. "
-        "`bcapscope fields` lists the names. The names file and file_packet are valid, too.",
+        "`bcapscope fields` lists the names. `file` (the capture) and `file_packet` (the number of the "
+        "packet in its capture) are valid, too.",
     )
 
 

@@ -83,7 +83,7 @@ def line_width(wide: bool) -> int | None:
     """Return the width of the terminal in columns; None if stdout is no terminal or `wide` is True."""
     if wide or not sys.stdout.isatty():
         return None
-    import shutil  # imported here because it loads compression libraries, which takes 10 ms
+    import shutil  # imported late: `shutil` loads compression libraries, which takes 10 ms
 
     return shutil.get_terminal_size().columns
 

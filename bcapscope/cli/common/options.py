@@ -81,7 +81,8 @@ def bundled(
     parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
     """Return a decorator that adds options to a command. The command gets the result of `make(**options)` as
-    its argument `parameter`. `names` are the names of the options; the default is the parameters of `make`.
+    its argument `parameter`. `names` are the names of the options. Without `names`, each parameter of `make`
+    is the name of an option.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -149,8 +150,8 @@ taken_at = click.option(
     type=click.Choice([point.value for point in CapturePoint]),
     callback=parsed_by(CapturePoint),
     help="Where you captured: on the client's computer, at the controller, or between. If a reply was "
-    "captured shortly before a retry, the place shows whether the reply was lost or late. By default, "
-    "bcapscope infers the place from the traffic, if possible.",
+    "captured shortly before a retry, bcapscope needs the place to decide whether the reply was lost or "
+    "late. By default, bcapscope infers the place from the traffic, if possible.",
 )
 
 color = click.option(

@@ -31,9 +31,9 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that has a temporary name until `commit` renames it. Its folder does not change.
 
-    Without `commit`, leaving the `with` block removes the file, even after a signal if the command called
-    `interrupt_on_end_signals`. The file is open only during a write, so the limit of open files does not
-    matter.
+    If the `with` block ends without `commit`, the file is removed. SIGTERM and SIGHUP end the `with` block
+    only if the command called `interrupt_on_end_signals`; otherwise, the file stays. The file is open only
+    during a write, so the limit of open files does not matter.
     """
 
     def __init__(self, path: Path) -> None:

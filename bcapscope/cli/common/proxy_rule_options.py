@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
     """The values of the rule options; None selects the proxy's default. `faults` begins with the faults of
-    the command line. `command_line` repeats all typed options except --control, for another process.
+    the command line. `command_line` contains the options that the user typed, except --control. `tui --proxy`
+    starts a proxy in another process with these options.
     """
 
     seed: int
@@ -79,7 +80,7 @@ class RuleOptions:
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
         """Report messages of rules and scripts through `relay.notify`. With --control, return the control
-        server, or raise ControlError. Clients of this server can also read `state`.
+        server, or raise ControlError. Programs that connect to the control server can also read `state`.
         """
         from bcapscope.proxy.control_api import ControlApi
         from bcapscope.proxy.control_messages import RelayDelays

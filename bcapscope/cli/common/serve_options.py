@@ -51,7 +51,8 @@ def run_app(*screens: ScreenEntry) -> None:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command. There, this function does nothing.
+    For each browser page, the server starts a new process with the command line of the running command. In
+    such a process, this function does nothing, so the process shows the screen.
     """
     if _DRIVER in os.environ:
         return

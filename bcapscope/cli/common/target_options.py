@@ -111,7 +111,7 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Adds HOST and the connection options. The command gets all of them as one argument `target`."""
+"""Adds HOST and the connection options. The command gets their values as one argument, `target`."""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
@@ -143,7 +143,7 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
 
 def _can_be_resolved(host: str) -> bool:
     try:
-        # `socket.getaddrinfo` also encodes host names with the codec "idna"
+        # `socket.getaddrinfo` also uses the codec "idna", and raises the same exception
         return bool(host.encode("idna"))
     except UnicodeError:
         return False

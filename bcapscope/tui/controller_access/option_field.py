@@ -1,6 +1,8 @@
 """Parses the text in the Option field of the connection form. b-CAP Tester has the same field. The text
-consists of settings such as ``Timeout=300``, separated by commas. bcapscope sends settings for the controller
-with Service_Start or Controller_Connect. All other settings, such as ``Timeout``, affect only bcapscope.
+consists of settings such as ``Timeout=300``, separated by commas. bcapscope sends most settings to the
+controller: ``WDT`` and ``InvokeTimeout`` with Service_Start, and settings such as ``Server`` with
+Controller_Connect. The settings ``Timeout``, ``Retry`` and ``Reserved`` only define how bcapscope makes
+calls.
 """
 
 from __future__ import annotations

@@ -165,7 +165,7 @@ class PlayerSlot:
                 self._ended = await asyncio.to_thread(player.close)
 
 
-MAX_SAMPLES = 600  # half a minute at twenty readings per second
+MAX_SAMPLES = 600  # the player reports 20 samples per second, so the screen keeps those of half a minute
 
 
 @dataclass(slots=True)
@@ -211,9 +211,10 @@ class PlaybackRun:
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Number of buffer slots in the controller, duration of a full buffer (ms), and duration left after
-        the longest pause (ms). bcapscope assumes that the controller takes one set point every 8 ms. The
-        result is None before the second set point, or if the slave mode allows an empty buffer.
+        """Return the number of slots of the controller's buffer, how long a full buffer lasts (ms), and how
+        much of this time was left at the end of the longest cycle (ms). bcapscope assumes that the controller
+        takes one set point from the buffer every 8 ms. The result is None before the second set point, and if
+        the slave mode is unknown or allows an empty buffer.
         """
         mode = None if self.peer is None else self.peer.slave_mode
         progress = self.progress

@@ -56,7 +56,7 @@ class WatchedVariable:
     handle: int
     value: Variant | None = None
     problem: str = ""  # why the last reading failed; empty if it succeeded
-    series: list[WatchSeries] = field(default_factory=list)  # one for each number in the value
+    series: list[WatchSeries] = field(default_factory=list)  # one series for each number in the value
 
     @property
     def decimals(self) -> int:

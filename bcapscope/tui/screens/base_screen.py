@@ -143,7 +143,7 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        # Set the style classes for this terminal width now. Textual sets them only after the first layout.
+        # Set the style classes for this terminal width before the first layout. Textual sets them after it.
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
         yield TopBar()
@@ -151,7 +151,8 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        self.call_after_refresh(gc.freeze)  # then garbage collections skip the widgets, and delay keys less
+        # After `gc.freeze`, garbage collections skip the widgets, take less time, and so delay keys less.
+        self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
         event.refresh_styles = False  # each widget already has the right styles, even after a change of theme

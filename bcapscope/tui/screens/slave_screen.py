@@ -241,7 +241,7 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm for the player process, which is a separate client."""
+        """Leave slave mode and release the arm. The player process, another client, can then take the arm."""
         session = self._session
         try:
             if status.slave_mode:

@@ -41,7 +41,7 @@ from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Kind of record that the filter of a view tests, for each view that has a filter."""
 
-_NARROW_WIDTH = 100  # columns; a narrower screen rounds large counts
+_NARROW_WIDTH = 100  # on a terminal with fewer columns, large counts are rounded
 
 
 class TrafficViews(ViewsScreen):

@@ -53,7 +53,8 @@ class CommandForm(Vertical):
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Show what the typed command does, and fill in the parameter that was last sent with this command.
-        If this command was not sent yet, remove the parameter of the last sent command.
+        If the user never sent the typed command, and the input field still holds the parameter that was sent
+        last with another command, empty the input field.
         """
         found = find_command(self.function.id, message.value.strip())
         if found is None:

@@ -32,7 +32,9 @@ class ListPicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Each entry has a name, a text and a search text. The search text must contain all typed words."""
+        """Each entry has a name, a text to show, and a search text. The list shows an entry if its search
+        text contains all words that the user typed.
+        """
         super().__init__()
         self._title = title
         self._entries = tuple(entries)

@@ -26,7 +26,7 @@ class ResultView(InkedText, can_focus=True):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("d", "digits", "tester.digits")]
     record: HistoryRecord | None = None
     shows_all_digits = False
-    text = ""  # result, problem or hint on the screen, with ink marks
+    text = ""  # shown result, problem or hint, with ink marks (see `bcapscope.tui.ink`)
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="-empty")

@@ -1,4 +1,7 @@
-"""When the screen ends, and thereby standard input, removes the folder that the argument names."""
+"""Removes the folder that the argument names as soon as the screen ends.
+
+This program runs in a process of its own. When the screen ends, the standard input of this process ends, too.
+"""
 
 import sys
 from os.path import exists

@@ -35,7 +35,7 @@ class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
     ports: tuple[int, ...] = ()  # ports of controllers; an empty tuple selects port 5007
     leg: str = ""  # read only interfaces whose names begin with this prefix
     language: str = "en"  # language of rendered lines: "en" or "ja"
-    own_clients: bool = False  # whether bcapscope is the client: then a silent client is still connected
+    own_clients: bool = False  # whether bcapscope is the client; a silent client then counts as connected
     taken_at: CapturePoint | None = None  # None to infer the place from the traffic
     folder: str = ""  # empty folder for the journal
 
@@ -99,7 +99,7 @@ class SaveJob(msgspec.Struct, frozen=True):
     source: str
     target: str  # must not exist
     notes: dict[int, str]  # by packet number
-    max_packets: int = 0  # most packets to save from a capture that may grow; 0 for no limit
+    max_packets: int = 0  # maximum number of packets to save from a growing capture; 0 for no limit
     language: str = "en"
 
 

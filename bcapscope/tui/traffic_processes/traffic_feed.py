@@ -108,7 +108,9 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Call `listener` now with undelivered updates, then with each update in the publishing thread."""
+        """Call `listener` now with each undelivered update. Later, the thread that publishes an update calls
+        `listener` with this update.
+        """
         with self._lock:
             self._listener = listener
         for message in self._undelivered.values():

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
 
 FLUSH_INTERVAL = 0.1
-"""Minimum time in seconds between two reports of new frames. While the screen draws frames, keys wait."""
+"""Minimum time in seconds between two reports of new frames. Each report makes the screen draw lines again,
+and the screen handles no keys meanwhile.
+"""
 
 ANALYSIS_INTERVAL = 1.5
 """Minimum time in seconds between two reports of the analysis."""

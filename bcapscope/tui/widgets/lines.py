@@ -173,7 +173,9 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that identifies the look of the line. If it changes, the list redraws the line."""
+        """Return a text that stands for the state of a line, such as its marks. If the text differs from the
+        text at the last drawing, the list draws the line again.
+        """
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
@@ -190,8 +192,9 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles of a line by style name. The name "" is the style of the whole line.
-        `cursor_state` is "cursor" or "blurred" for the line under the cursor, "" for any other line.
+        """Return the styles of a line by style name. The key "" has the style of text without an ink
+        mark, and of the empty rest of the row. `cursor_state` is "cursor" or "blurred" for the line under the
+        cursor, "" for any other line.
         """
         if cursor_state not in self._styles:
             own, inks = self._line_style(cursor_state), app_of(self).text_styles

@@ -33,7 +33,10 @@ MAX_ROWS = 20_000
 
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
-_FOLDED_AT_FIRST = 6  # top-level branches with more rows, or with a problem, begin unfolded
+_FOLDED_AT_FIRST = 6
+"""Maximum number of inner rows of a top-level branch that is folded at first. A longer branch, or
+a branch with a problem, is unfolded at first.
+"""
 
 
 class _Entry(NamedTuple):
@@ -207,7 +210,9 @@ def width_for(per_line: int) -> int:
 
 
 class HexView(Lines):
-    """Shows bytes with their offsets, and highlights the bytes of one field. The cursor is on one byte."""
+    """Shows bytes with their offsets, and highlights the bytes of one field. The cursor marks a single byte,
+    not a line.
+    """
 
     highlights_cursor_line = False
     _sections: tuple[FrameSection, ...] = ()
@@ -344,7 +349,7 @@ class PacketView(Horizontal, PlainContainer):
 
     def compose(self) -> ComposeResult:
         yield FieldTree(id="fields")
-        yield Container(classes="edge")  # this vertical line is a separate widget, so it is drawn only once
+        yield Container(classes="edge")  # draws a vertical line, because `Lines` widgets have no borders
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:

@@ -37,8 +37,9 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines, Generic[Source]):
-    """Shows the records of `source`. With a filter, the list shows only the matching records found so far.
-    `matches` contains the numbers of these records, counted from 1.
+    """Shows the records of `source`. With a filter, the list shows only the records that match the filter and
+    were found so far. `matches` contains the numbers of the shown records, counted from 1; None without a
+    filter.
     """
 
     matches: array[int] | None = None
@@ -175,7 +176,8 @@ class CallList(RecordList[CallStore]):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._unfolded: dict[int, int] = {}  # position of each unfolded call, in order: number of its frames
+        # maps the position of each unfolded call to the number of the call's frames; sorted by position
+        self._unfolded: dict[int, int] = {}
 
     def clear_source(self) -> None:
         self._unfolded.clear()

@@ -25,7 +25,9 @@ class InkedText(Static):
         self._source_text = ""
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
-        """Show a text with ink marks. `layout` must be True if the size of the text may have changed."""
+        """Show a text that may contain ink marks (see `bcapscope.tui.ink`). `layout` must be True if the size
+        of the text may have changed.
+        """
         if text != self._source_text:
             self._source_text = text
             self._draw(layout)
@@ -55,7 +57,9 @@ class CheckedInput(Vertical):
             return self.line
 
     class Entered(Typed):
-        """The user pressed Enter on valid text or an empty line. Handlers of `Typed` also get `Entered`."""
+        """The user pressed Enter on valid text or an empty line. Because `Entered` is a subclass of `Typed`,
+        Textual also calls the handlers of `Typed`.
+        """
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
         """`name` is the id of the input field; this widget has the id ``<name>-line``. `parse` never gets an
