@@ -320,7 +320,7 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
         message = faulted.original
         direction = message.flow.direction
         arrives = message.now + faulted.delay
-        starts: int = max(arrives, active.state.get(direction, 0))
+        starts: int = max(arrives, active.state.get(direction, arrives))
         waiting = (starts - arrives) / 1e9 * self.rate
         if message.is_datagram and waiting + len(faulted.data) > self.queue:
             faulted.drop()
