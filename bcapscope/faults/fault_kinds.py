@@ -91,11 +91,11 @@ class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
     distribution: JitterDistribution = JitterDistribution.UNIFORM
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
+        if not self.jitter:
+            return self.time
         return max(0, round(self.time + self.jitter * self._draw_deviation(active.rng)))
 
     def _draw_deviation(self, rng: random.Random) -> float:
-        if not self.jitter:
-            return 0
         match self.distribution:
             case JitterDistribution.NORMAL:
                 return rng.normalvariate(0, 1)
@@ -148,7 +148,7 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
         data = bytearray(faulted.data)
         first, count = 0, len(data)
         if self.offset is not None:
-            first, count = self.offset, min(1, max(0, len(data) - self.offset))
+            first, count = self.offset, int(self.offset < len(data))
         if not count:
             return None
         hit = set()
@@ -167,7 +167,7 @@ class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
     keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
-        return active.rng.random() if self.keep is None else 0.0
+        return self.keep is not None or active.rng.random()
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         size = len(faulted.data)
@@ -320,7 +320,7 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
         message = faulted.original
         direction = message.flow.direction
         arrives = message.now + faulted.delay
-        starts: int = max(arrives, active.state.get(direction, 0))
+        starts: int = max(arrives, active.state.get(direction, arrives))
         waiting = (starts - arrives) / 1e9 * self.rate
         if message.is_datagram and waiting + len(faulted.data) > self.queue:
             faulted.drop()

@@ -188,16 +188,15 @@ class _FaultParser:
             self.read_main(written, _Word(value, start), names)
 
     def read_main(self, written: str, word: _Word, names: tuple[str, ...]) -> None:
-        if written == "delay":
-            word = word._replace(text=_PLUS_MINUS.sub("±", word.text, count=1))
+        end = word.start + len(word.text)
+        text = _PLUS_MINUS.sub("±", word.text) if written == "delay" else word.text
         separator = _SEPARATORS.get(written)
-        values = word.text.split(separator) if separator else [word.text]
+        values = text.split(separator) if separator else [text]
         if len(values) > len(names):
             self.fail_at(word.start, Message("fault.too-many-values", names=(separator or "").join(names)))
-        start = word.start
-        for name, value in zip(names, values, strict=False):
+        # Here are at most two values: one at the start of the word, and one at its end.
+        for name, value, start in zip(names, values, (word.start, end - len(values[-1])), strict=False):
             self.set_field(name, self.parse_value(value, start), _Word(value, start))
-            start += len(value) + 1
 
     def read_word(self, word: _Word) -> None:
         fields = ACTIONS[self.fields["action"]].__struct_encode_fields__
@@ -260,7 +259,7 @@ class _FaultParser:
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))
             return NotationError(self.text, shift + cause.position, cause.reason)
-        start = self.starts.get(str(error.path[0]), 0) if error.path else 0
+        start = self.starts[str(error.path[0])] if error.path else 0
         if not error.path and error.reason.id == "document.missing":
             stop = self.condition.start if self.condition else len(self.text)
             return NotationError(self.text, len(self.text[:stop].rstrip()), error.reason)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import statistics
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import MAX_WAITING, FaultInjector
 from bcapscope.faults.fault_notation import read_fault
-from bcapscope.faults.wire_message import FaultResult, SendBytes
+from bcapscope.faults.wire_message import CloseConnection, FaultResult, SendBytes
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_FAIL, S_EXECUTING
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -29,6 +30,8 @@ from tests.faults.traffic import (
     shaper,
     talk,
 )
+
+HOUR = 3_600_000 * MS
 
 
 def through(machine: FaultInjector, flows: Talk, *serials: int) -> list[bytes]:
@@ -74,6 +77,33 @@ def test_a_dropped_message_says_by_whom() -> None:
     assert (result.outputs, notes_of(result), machine.due()) == ([], ("lossy: dropped",), None)
     assert sent(machine.process_message(flows.down, reply(1), 0).outputs) == [reply(1)]
     assert machine.hit_counts == {"lossy": 1}
+
+
+@pytest.mark.parametrize(
+    ("fault", "note"),
+    [
+        ("pass", "passed"),
+        ("burst=100%/0%", "dropped in a burst"),
+        ("delay=1.5ms", "delayed by 1.5 ms"),
+        ("duplicate", "duplicated"),
+        ("duplicate=2", "duplicated 2 times"),
+        ("reorder=2", "held back until 2 more messages have passed"),
+        ("corrupt offset 3", "corrupted at byte 3"),
+        ("truncate=4", f"cut to 4 of {len(reply(1))} bytes"),
+        ("garbage=64", "replaced by 64 random bytes"),
+        ("rewrite serial 7", "rewritten"),
+        ("serial=2", "serial changed by +2"),
+        ("serial=-2", "serial changed by -2"),
+        ("executing=1.5s", "S_EXECUTING for 1500 ms"),
+        ("close", "connection reset"),
+        ("close=fin", "connection closed"),
+        ("bandwidth=1kB/s", f"delayed by {len(reply(1))} ms"),
+    ],
+)
+def test_every_fault_says_what_it_did(fault: str, note: str) -> None:
+    flow = talk(Transport.TCP).down
+    (said,) = notes_of(shaper(f"{fault} name x").process_message(flow, reply(1), HOUR))
+    assert said == f"x: {note}"
 
 
 def test_a_share_is_lost() -> None:
@@ -146,13 +176,23 @@ def test_a_jitter_stays_around_the_delay(distribution: str) -> None:
     came = {raw: now for now, raw in arrivals(machine, talk().up, messages, every=20 * MS)}
     delays = [came[raw] - index * 20 * MS for index, raw in enumerate(messages)]
     assert min(delays) >= 0
-    assert 4.5 * MS < sum(delays) / len(delays) < 5.5 * MS
+    assert 4.9 * MS < statistics.mean(delays) < 5.1 * MS
     assert len(set(delays)) > 900
     if distribution == "uniform":
-        assert max(delays) <= 6 * MS
+        assert 4 * MS <= min(delays) < 4.1 * MS
+        assert 5.9 * MS < max(delays) <= 6 * MS
+    if distribution == "normal":
+        assert 0.9 * MS < statistics.stdev(delays) < 1.1 * MS
     if distribution == "pareto":  # few delays are long, and none is much shorter than the mean
         assert min(delays) >= 4.5 * MS
         assert max(delays) > 7 * MS
+
+
+def test_a_delay_that_would_be_negative_is_none() -> None:
+    assert passes(shaper("delay=0"), talk().up, request(1))
+    machine = shaper("delay=0ms±1ms")
+    at_once = sum(passes(machine, talk().up, request(serial)) for serial in range(100))
+    assert 30 < at_once < 70
 
 
 def test_copies_follow_their_message() -> None:
@@ -183,6 +223,22 @@ def test_corruption_turns_bits_over_where_it_is_told() -> None:
     assert (found[5] ^ raw[5]).bit_count() == 1
 
 
+@pytest.mark.parametrize(("fault", "changed"), [("corrupt", 0xFFFFFF), ("corrupt offset 2", 0x0000FF)])
+def test_corruption_can_hit_every_bit_where_it_is_told_and_no_other(fault: str, changed: int) -> None:
+    machine, flows, hit = shaper(fault), talk(), 0
+    for _ in range(300):
+        (found,) = sent(machine.process_message(flows.up, bytes(3), 0).outputs)
+        hit |= int.from_bytes(found)
+    assert hit == changed
+
+
+@pytest.mark.parametrize("fault", ["corrupt offset 3", "corrupt offset 9", "truncate=3", "truncate=9"])
+def test_a_fault_beyond_the_end_of_a_message_leaves_it_alone(fault: str) -> None:
+    machine = shaper(fault)
+    assert passes(machine, talk().up, b"abc")
+    assert list(machine.hit_counts.values()) == [0]
+
+
 @pytest.mark.parametrize(("size", "some"), [(4, "0, 1, 2, 3"), (5, "0, 1, 2, 3, …")])
 def test_a_note_names_the_first_four_corrupted_bytes(size: int, some: str) -> None:
     (note,) = shaper("corrupt=1000").process_message(talk().up, bytes(size), 0).fault_notes
@@ -191,9 +247,8 @@ def test_a_note_names_the_first_four_corrupted_bytes(size: int, some: str) -> No
 
 def test_a_message_is_cut() -> None:
     assert sent(shaper("truncate=20").process_message(talk().up, request(1), 0).outputs) == [request(1)[:20]]
-    (found,) = sent(shaper("truncate").process_message(talk().up, request(1), 0).outputs)
-    assert request(1).startswith(found)
-    assert len(found) < len(request(1))
+    found = through(shaper("truncate"), talk(), *[1] * 500)
+    assert {request(1)[:keep] for keep in range(len(request(1)))} == set(found)
 
 
 def test_garbage_comes_in_place_of_a_reply() -> None:
@@ -215,9 +270,10 @@ def test_an_answer_goes_back_under_the_serial_and_the_request_stays_away() -> No
     assert (machine.due(), notes_of(taken)) == (None, ("answer: answered with E_FAIL",))
 
 
-def test_an_answer_has_the_reserved_that_the_server_would_send() -> None:
+@pytest.mark.parametrize("fault", ["answer=E_FAIL", "executing=1s request"])
+def test_an_answer_has_the_reserved_that_the_server_would_send(fault: str) -> None:
     for echoed in (0, 9):
-        flows, machine = talk(), shaper("answer=E_FAIL if serial == 11")
+        flows, machine = talk(), shaper(f"{fault} if serial == 11")
         machine.process_message(flows.up, request(10, reserved=9), 0)
         machine.process_message(flows.down, reply(10, reserved=echoed), 0)
         (output,) = machine.process_message(flows.up, request(11, reserved=9), 0).outputs
@@ -304,7 +360,8 @@ def test_notices_go_to_the_client(direction: str) -> None:
 
 def test_a_connection_is_closed_and_udp_is_left_alone() -> None:
     flows = talk(Transport.TCP)
-    (closing,) = closed(shaper("close=fin").process_message(flows.up, request(1), 0).outputs)
+    (closing,) = shaper("close=fin").process_message(flows.up, request(1), 0).outputs
+    assert isinstance(closing, CloseConnection)
     assert (closing.conversation, closing.how) == (flows.up.conversation, CloseMode.FIN)
     machine = shaper("close")
     assert sent(machine.process_message(talk().up, request(1), 0).outputs) == [request(1)]
@@ -333,6 +390,7 @@ def test_losses_come_in_bursts() -> None:
     gaps = [b - a - 1 for a, b in itertools.pairwise(serials) if b - a > 1]
     assert 20 < len(gaps) < 80
     assert 3 < sum(gaps) / len(gaps) < 7.5
+    assert passes(shaper("burst=0%/0%"), talk().up, request(1))
 
 
 def test_a_narrow_line_takes_its_time() -> None:
@@ -342,11 +400,27 @@ def test_a_narrow_line_takes_its_time() -> None:
     assert [now for now, _ in found] == [MS, 2 * MS, 3 * MS]
 
 
+def test_a_slow_line_takes_a_second_for_each_byte() -> None:
+    found = arrivals(shaper("bandwidth=8bit/s"), talk().up, [bytes(1), bytes(60)], every=0)
+    assert [now for now, _ in found] == [1000 * MS, 61_000 * MS]
+
+
+def test_a_delayed_message_comes_to_a_narrow_line_late() -> None:
+    machine = shaper("delay=5ms", "bandwidth=1kB/s queue 10")
+    result = machine.process_message(talk().up, bytes(10), HOUR)
+    assert (notes_of(result), machine.due()) == (
+        ("delay: delayed by 5 ms", "bandwidth: delayed by 10 ms"),
+        HOUR + 15 * MS,
+    )
+
+
 def test_a_full_queue_loses_datagrams_and_holds_a_stream() -> None:
     raw = request(1)
     for transport, left in ((Transport.UDP, 3), (Transport.TCP, 10)):
         machine = shaper(f"bandwidth={len(raw)}kB/s queue {3 * len(raw)}")
         assert len(arrivals(machine, talk(transport).up, [raw] * 10, every=0)) == left
+    (note,) = notes_of(shaper("bandwidth=1kB/s queue 1").process_message(talk().up, raw, 0))
+    assert note == "bandwidth: dropped, because the queue of the limited bandwidth is full"
 
 
 def test_a_partition_loses_datagrams_and_holds_a_stream_until_it_ends() -> None:

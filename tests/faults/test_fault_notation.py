@@ -29,9 +29,10 @@ from bcapscope.faults.fault_kinds import (
     SerialFault,
     TruncateFault,
 )
-from bcapscope.faults.fault_notation import NotationError, read_fault, write_fault
+from bcapscope.faults.fault_notation import NotationError, read_fault, rewrite_message, write_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition, HresultQuantity, Rate, Share, Span
 from bcapscope.traffic.observation import Direction
+from tests.faults.traffic import request, talk
 
 MS = 1_000_000
 
@@ -87,6 +88,13 @@ TABLE: list[tuple[str, AnyFault]] = [
         ),
     ),
     ("rewrite set arg[0]=true set arg[1]=r4:1.5", RewriteFault(set={"arg[0]": True, "arg[1]": "r4:1.5"})),
+    ("rewrite set arg[0]=false", RewriteFault(set={"arg[0]": False})),
+    ("rewrite serial 0 reserved 65535", RewriteFault(serial=0, reserved=0xFFFF)),
+    (
+        "executing=10s every 1ms",
+        ExecutingFault(time=DurationQuantity(10_000 * MS), every=DurationQuantity(MS)),
+    ),
+    (f"drop times {7:040}", DropFault(times=7)),
 ]
 
 DEFAULTS: list[tuple[str, AnyFault]] = [
@@ -135,6 +143,28 @@ def test_words_that_mean_something_else_are_quoted() -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "delay=3ms±1ms times 5 if command == slvMove",
+        "burst=1%/25%",
+        "drop name lossy response 5%",
+        "garbage direction any",
+        'rewrite set arg[0]=true set arg[1]=P5 set arg[2]="two words"',
+    ],
+)
+def test_only_what_needs_quotes_is_written_in_quotes(text: str) -> None:
+    assert write_fault(read_fault(text)) == text
+
+
+def test_changes_of_a_message_leave_alone_what_is_no_frame() -> None:
+    up, junk = talk().up, b"\x02no frame"
+    assert rewrite_message(request(1) + junk, up, "serial 7") == request(7) + junk
+    assert rewrite_message(request(1), up, "set arg[9]=0") == request(1)
+    with pytest.raises(ValueError, match="a rewrite needs serial"):
+        rewrite_message(request(1), up, "")
+
+
+@pytest.mark.parametrize(
     ("text", "position", "reason"),
     [
         ("", 0, "expected an action: answer, "),
@@ -147,23 +177,29 @@ def test_words_that_mean_something_else_are_quoted() -> None:
         ("delay if serial == 1", 5, "time is missing"),
         ("delay=3", 6, "3 is not a duration"),
         ("delay=3ms±x", 10, "'x' is not a duration"),
+        ("delay=3ms+-x", 11, "'x' is not a duration"),
         ("delay=3ms±1ms±1ms", 6, "expected time±jitter"),
+        ("delay=3ms+-1ms+-1ms", 6, "expected time±jitter"),
         ("burst=1%", 8, "leave is missing"),
         ("drop reply request", 11, "direction is given twice"),
         ("drop time 3ms", 5, "'time' is not allowed here, did you mean 'times'?"),
         ("drop times", 10, "a value for times is missing"),
         ("drop times 0", 11, "Expected int >= 1"),
+        (f"drop times {7:041}", 11, "a number of more than 40 characters"),
         ("drop name a=b", 10, "a name has at most 60 letters, digits and _ . + -"),
         ("drop try x", 9, "Expected int | null, got str"),
         ("close=rst", 6, "'rst' is not one of reset, fin"),
         ("answer=E_FAL", 7, "'E_FAL' is not an HRESULT, did you mean 'E_FAIL'?"),
-        ("executing=10s every 1us", 0, "every must be at least 1ms"),
-        ("executing=1000s every 1ms", 0, "more than 10000 notices"),
+        ("executing=10s every 999999ns", 0, "every must be at least 1ms"),
+        ("executing=10001ms every 1ms", 0, "more than 10000 notices"),
         ("drop if comand == 1", 8, "there is no field 'comand', did you mean 'command'?"),
         ("drop  if  ", 8, "the filter is empty"),
         ("drop if serial == 1 and", 23, "expected a field"),
         ("rewrite", 0, "a rewrite needs serial"),
         ("rewrite set arg[1]", 12, "expected an argument, = and a value"),
+        ("rewrite serial -1", 15, "Expected int >= 0"),
+        ("rewrite reserved 65536", 17, "Expected int <= 65535"),
+        ("rewrite limit arg[0]=x", 14, "'x' is not a range"),
         ("rewrite set arg=1", 0, "'arg' is not an argument"),
         ("rewrite set arg[1]=1 set arg[1]=2", 25, "set arg[1] is given twice"),
         ('rewrite set arg[1]="\\q"', 19, "the text in quotes is not valid"),
