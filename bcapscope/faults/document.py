@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Hashable, Iterable
 from enum import Enum
-from typing import Any, TypeAlias, TypeVar, cast, get_args, get_type_hints
+from typing import Any, TypeAlias, TypeVar, cast, get_args
 
 import msgspec
 import yaml
@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 _Struct: TypeAlias = type[msgspec.Struct]
 
-_AT = re.compile(r" - at `([^`]*)`$")
+_AT = re.compile(r" - at (`key` in )?`([^`]*)`$")
 _PATH_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
 _EXPECTED = re.compile(r"Expected `([^`]+)`, got `([^`]+)`")
 _FIELD = re.compile(r"field `([^`]*)`")
@@ -150,9 +150,8 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
     except YamlError as error:
         raise DocumentError((), error.line, error.message) from error
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        reason = foreign_text(error.problem or "no YAML")
-        raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
+        located = YamlError(foreign_text(str(error.problem)), error.problem_mark)
+        raise DocumentError((), located.line, located.message) from error
     # PyYAML raises these errors for values that contradict their tag, and for invalid dates.
     except (ValueError, LookupError, AttributeError) as error:
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
@@ -162,13 +161,15 @@ def _document_error(error: msgspec.ValidationError, data: object, kind: Any) -> 
     text = str(error)
     match = _AT.search(text)
     reason = text[: match.start()] if match else text
-    steps = _PATH_STEP.findall(match[1].partition("[...]")[0]) if match else []  # mapping keys are unnamed
+    steps = _PATH_STEP.findall(match[2].partition("[...]")[0]) if match else []  # mapping keys are unnamed
     path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
     cause = error.__cause__
     if isinstance(cause, FieldError):
         return DocumentError((*path, *cause.path), 0, cause.message)
     if isinstance(cause, InputError):
         return DocumentError(path, 0, cause.message)
+    if match and match[1]:
+        return DocumentError(path, 0, Message("yaml.key"))
     return DocumentError(path, 0, _readable_reason(reason, path, data, kind))
 
 
@@ -180,13 +181,12 @@ def _readable_reason(reason: str, path: tuple[str | int, ...], data: object, kin
     wrong = data
     for step in path:
         wrong = _child(wrong, step)
-    shown = f"{shortened(str(wrong), 40)!r}"
     if path and path[-1] == "action" and reason.startswith("Invalid value"):
-        unknown = Message("fault.no-such-action", name=shown)
+        unknown = Message("fault.no-such-action", name=_quoted(wrong))
         return with_nearest(unknown, ALIASES.get(str(wrong), str(wrong)), _actions(structs))
     if reason.startswith("Invalid enum value"):
         values = [str(each.value) for kind in types if issubclass(kind, Enum) for each in kind]
-        return Message("document.none-of", value=shown, values=", ".join(values))
+        return Message("document.none-of", value=_quoted(wrong), values=", ".join(values))
     if reason.startswith("Expected `str` matching regex"):
         return Message("fault.name")
     expected = _EXPECTED.fullmatch(reason)
@@ -195,10 +195,14 @@ def _readable_reason(reason: str, path: tuple[str | int, ...], data: object, kin
     return foreign_text(reason.replace("`", ""))
 
 
+def _quoted(value: object) -> str:
+    return f"{shortened(str(value), 40)!r}"
+
+
 def _field_reason(name: str, is_missing: bool, structs: Iterable[_Struct]) -> Message:
     if not is_missing:
         fields = [field for struct in structs for field in struct.__struct_encode_fields__]
-        unknown = Message("input.no-such-field", name=f"{shortened(name, 40)!r}")
+        unknown = Message("input.no-such-field", name=_quoted(name))
         return with_nearest(unknown, name, fields)
     missing = Message("document.missing", name=name)
     if name != "action":
@@ -240,16 +244,13 @@ def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
 
 
 def _field_type(struct: _Struct, written: str) -> Any:
-    names = dict(zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True))
-    return get_type_hints(struct).get(names.get(written, ""))
+    return next((each.type for each in msgspec.structs.fields(struct) if each.encode_name == written), None)
 
 
 def _child(data: object, step: str | int) -> object:
     if isinstance(data, dict):
         return data.get(step)
-    if isinstance(data, list) and isinstance(step, int) and step < len(data):
-        return data[step]
-    return None
+    return data[cast(int, step)] if isinstance(data, list) else None
 
 
 def _line(root: yaml.Node | None, error: DocumentError) -> int:

@@ -12,6 +12,7 @@ from typing import Self
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import CODE_BY_NAME, hresult_name
+from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.operands import UNITS
@@ -220,5 +221,4 @@ def _invalid(what: str, written: object, **places: str) -> InputError:
 def _shown(written: object) -> str | Message:
     if isinstance(written, int) and written.bit_length() > _LONGEST_SHOWN:
         return Message("quantity.bits", bits=written.bit_length())
-    text = repr(written)
-    return text if len(text) <= 60 else f"{text[:59]}…"
+    return shortened(repr(written), 60)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import struct
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -100,7 +101,7 @@ class Rewriter:
         """Return the changed bytes of `frame`. In a damaged frame, change only the header."""
         fault = self._fault
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
-        if frame.problems or not (self._set or self._limit or self._step):
+        if frame.problems:
             return raw
         before = frame.variants
         values = list(before)
@@ -110,7 +111,7 @@ class Rewriter:
             _edit(values, path, partial(_clamped, span=span))
         if self._step:
             values = self._stepped(frame, flow, values)
-        if all(new is old for new, old in zip(values, before, strict=True)):
+        if all(map(operator.is_, values, before)):
             return raw
         head = Frame(raw)
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
@@ -163,8 +164,9 @@ def _is_attempt_of(frame: Frame, raw: bytes) -> bool:
 
 
 def _series_key(frame: Frame) -> tuple[int, str | None]:
-    values = [argument.variant.value for argument in frame.arguments[:2]]
-    return frame.code, values[1] if len(values) > 1 and isinstance(values[1], str) else None
+    arguments = frame.variants
+    command = arguments[1].value if len(arguments) > 1 else None
+    return frame.code, command if isinstance(command, str) else None
 
 
 def _edit(values: list[Variant], path: tuple[int, ...], change: ValueChange) -> None:
@@ -190,7 +192,7 @@ def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Varia
 def _elements(value: Variant) -> list[Variant]:
     """Return the elements of an array, each with its type; [] if the value is not an array."""
     base = value.vt & ~ARRAY
-    if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
+    if not isinstance(value.value, tuple | bytes):
         return []
     if base == VT.VARIANT:
         return [element for element in value.value if isinstance(element, Variant)]
@@ -241,15 +243,15 @@ def _each_number(value: Variant, change: NumberChange) -> Variant:
     if not elements:
         return _with_number(value, 0, change)
     new = [_with_number(element, index, change) for index, element in enumerate(elements)]
-    if all(one is other for one, other in zip(new, elements, strict=True)):
+    if all(map(operator.is_, new, elements)):
         return value
     return _with_elements(value, new)
 
 
 def _with_number(value: Variant, index: int, change: NumberChange) -> Variant:
-    number = value.value
-    if value.vt not in _NUMBERS or not isinstance(number, int | float):
+    if value.vt not in _NUMBERS:
         return value
+    number = cast(float, value.value)
     new = change(number, index)
     if new == number:
         return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import reduce
 from typing import Any
 
 import msgspec
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.faults.document import (
+    LONGEST_DOCUMENT,
     DocumentError,
     FieldError,
     RuleFile,
@@ -90,6 +92,8 @@ def test_a_rule_file_is_read() -> None:
         ("faults:\n  - action: rewrite\n    set: {arg: 1}\n", "line 2: faults[0]: 'arg' is not an argument"),
         ("fault: []\n", "line 1: there is no field 'fault', did you mean 'faults'?"),
         ("faults: 5\n", "line 1: faults: Expected array, got int"),
+        ("faults:\n  5\n", "line 1: faults: Expected array, got int"),
+        ("faults:\n  - 1: 2\n", "line 2: faults[0]: a key is one word"),
         ("5\n", "line 1: Expected object, got int"),
         ("", "line 1: Expected object, got null"),
         ("faults: [\n", "line 2: "),
@@ -105,7 +109,8 @@ def test_a_rule_file_is_read() -> None:
         ('faults: !!int ""', "this is not YAML: string index out of range"),
         ("faults: !!bool 9", "this is not YAML: '9'"),
         ("faults: !!timestamp 9", "this is not YAML: "),
-        (f"faults: {'9' * 5000}", "line 1: a number of more than 40 characters"),
+        (f"faults: {'9' * 41}", "line 1: a number of more than 40 characters"),
+        (f"faults: {'9' * 40}", "line 1: faults: Expected array, got int"),
         ("x" * (1 << 20) + "x", "longer than the limit of 1048576 characters"),
     ],
 )
@@ -113,6 +118,35 @@ def test_errors_name_line_and_field(text: str, error: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read_document(text, RuleFile)
     assert str(caught.value).startswith(error)
+    assert " - at " not in str(caught.value)  # with these words, msgspec names the field a second time
+
+
+def test_a_document_of_the_longest_length_is_read() -> None:
+    assert read_document("faults: [] ".ljust(LONGEST_DOCUMENT, "#"), RuleFile).faults == ()
+
+
+class Rows(msgspec.Struct, frozen=True):
+    """Rows of which the second one must have another title, even if it is not written down."""
+
+    rows: tuple[dict[str, str], ...] = ()
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        raise FieldError(("rows", 1, "title"), Message("document.endless"))
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("title: x\nrows:\n  - title: x\n  - {}\n", 4),
+        ("title: x\nrows:\n  - title: x\n", 2),
+        ("a: 1\ntitle: x\n", 1),
+    ],
+)
+def test_an_error_in_what_is_not_written_has_the_line_around_it(text: str, line: int) -> None:
+    with pytest.raises(DocumentError, match=r"rows\[1\]\.title: ") as caught:
+        read_document(text, Rows)
+    assert caught.value.line == line
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -126,12 +160,20 @@ class Limits(msgspec.Struct, frozen=True):
             raise FieldError(("low",), Message("scenario.above-high"))
 
 
+def deep_list() -> list[Any]:
+    """Make a list of more levels than Python can print."""
+    return reduce(lambda inner, _: [inner], range(10_000), [])
+
+
 @pytest.mark.parametrize(
     ("data", "kind", "error"),
     [
         ({"action": "rewrite", "set": {"arg": 1}}, AnyFault, "'arg' is not an argument"),
         ({"action": "delay"}, AnyFault, "time is missing"),
         ({"low": 2, "high": 1}, Limits, "low: "),
+        ({"action": "delay", "time": deep_list()}, AnyFault, "lists are nested too deeply"),
+        ({"action": "delay", "name": deep_list()}, AnyFault, "name: Expected str, got array"),
+        ({"action": deep_list()}, AnyFault, "action: Expected str, got array"),
     ],
 )
 def test_errors_in_data_without_text_name_no_line(data: object, kind: Any, error: str) -> None:

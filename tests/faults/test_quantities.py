@@ -32,6 +32,7 @@ from bcapscope.traffic.filter.compiler import FilterError
         (DurationQuantity, "7µs", 7000),
         (DurationQuantity, "12ns", 12),
         (DurationQuantity, 0, 0),
+        (DurationQuantity, "31536000s", 365 * 86_400 * 10**9),
         (Share, "5%", 0.05),
         (Share, "0.1 %", 0.001),
         (Share, 0.25, 0.25),
@@ -45,9 +46,11 @@ from bcapscope.traffic.filter.compiler import FilterError
         (HresultQuantity, "0x80004005", E_FAIL),
         (HresultQuantity, -2147467259, E_FAIL),
         (HresultQuantity, "-2147467259", E_FAIL),
+        (HresultQuantity, -(2**31), 2**31),
+        (Span, "-1e19..1e19", Span(-1e19, 1e19)),
     ],
 )
-def test_reading(kind: Any, written: object, value: float) -> None:
+def test_reading(kind: Any, written: object, value: object) -> None:
     assert kind.read(written) == value
 
 
@@ -59,10 +62,11 @@ def test_reading(kind: Any, written: object, value: float) -> None:
         (DurationQuantity, "3", "is not a duration"),
         (DurationQuantity, "3 min", "is not a duration"),
         (DurationQuantity, "-3ms", "is not a duration"),
-        (DurationQuantity, "99999999999s", "is longer than a year"),
+        (DurationQuantity, "31536000.000000001s", "is longer than a year"),
         (DurationQuantity, None, "is not a duration"),
         (Share, "5", "is not a percentage"),
         (Share, "101%", "is not between 0% and 100%"),
+        (Share, -0.5, "is not between 0% and 100%"),
         (Share, math.nan, "is not between 0% and 100%"),
         (Share, True, "is not a percentage"),
         (Rate, "64", "is not a rate"),
@@ -70,6 +74,8 @@ def test_reading(kind: Any, written: object, value: float) -> None:
         (Rate, 64, "is not a rate"),
         (HresultQuantity, "E_FAL", "did you mean 'E_FAIL'"),
         (HresultQuantity, 1 << 32, "is not an HRESULT"),
+        (HresultQuantity, -(2**31) - 1, "is not an HRESULT"),
+        (HresultQuantity, 1 << 200, "a number of 201 bits is not an HRESULT"),
         (HresultQuantity, 1.5, "is not an HRESULT"),
         (FrameCondition, 5, "is not a filter"),
         (FrameCondition, "comand == 1", "did you mean 'command'"),
@@ -78,6 +84,7 @@ def test_reading(kind: Any, written: object, value: float) -> None:
         (Span, "9..1", "the range '9..1' is empty"),
         (Span, "a..b", "is not a range"),
         (Span, "e..", "is not a range"),
+        (Span, "0..1.1e19", "goes beyond ±1e+19"),
         (DurationQuantity, "x" * 1000, "…"),
     ],
 )
@@ -119,9 +126,30 @@ def test_a_span_holds_numbers_back_and_what_is_no_number_too() -> None:
     assert Span.read("5..").clamp(-math.inf) == 5
 
 
-@pytest.mark.parametrize(("kind", "written"), [(Span, "-90..90"), (FrameCondition, "serial == 1")])
-def test_equal_values_are_one_member_of_a_set(kind: Any, written: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "written", "other"),
+    [(Span, "-90..90", "-90..91"), (FrameCondition, "serial == 1", "serial == 2")],
+)
+def test_values_are_equal_if_they_say_the_same(kind: Any, written: str, other: str) -> None:
     assert len({kind.read(written), kind.read(written)}) == 1
+    assert kind.read(written) not in (kind.read(other), written)
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "text"),
+    [
+        (DurationQuantity, "1.5s", "1500ms"),
+        (Share, 0.125, "12.5%"),
+        (Rate, "125kB/s", "1Mbit/s"),
+        (Rate, "125B/s", "1kbit/s"),
+        (Rate, "100B/s", "800bit/s"),
+        (HresultQuantity, "0x80004005", "E_FAIL"),
+        (HresultQuantity, 5, "0x00000005"),
+        (Span, "-90.0..", "-90.."),
+    ],
+)
+def test_values_are_written_in_the_shortest_form(kind: Any, written: object, text: str) -> None:
+    assert kind.read(written).text == text
 
 
 @given(st.integers(0, 10**9 * 86_400 * 365))

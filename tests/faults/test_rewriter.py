@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from bcapscope.faults.fault_kinds import RewriteFault
 from bcapscope.faults.fault_notation import read_fault
-from bcapscope.faults.rewriter import Rewriter, with_header
+from bcapscope.faults.rewriter import MAX_BYTES, MAX_REMEMBERED, Rewriter, with_header
 from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
 from bcapscope.protocol.codec.variant import VT, Value, Variant
-from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.observation import Endpoint, Flow, Transport
 from tests.faults.traffic import request, talk
 from tests.strategies import variants
 
@@ -39,7 +39,8 @@ def rewritten(text: str, *arguments: Variant, framing: Framing = Framing.PLAIN) 
 
 POSE = Variant.array(VT.R8, (1.0, 2.0, 100.0))
 INTS = Variant.array(VT.I4, (1, 50))
-NESTED = Variant.array(VT.VARIANT, (POSE, Variant(VT.I4, 7), Variant(VT.BSTR, "P")))
+SEVEN, NAME = Variant(VT.I4, 7), Variant(VT.BSTR, "P")
+NESTED = Variant.array(VT.VARIANT, (POSE, SEVEN, NAME))
 
 
 @pytest.mark.parametrize(
@@ -58,8 +59,10 @@ NESTED = Variant.array(VT.VARIANT, (POSE, Variant(VT.I4, 7), Variant(VT.BSTR, "P
         ("set arg[9]=9", POSE, POSE),
         ("set arg[0][1]=7", Variant(VT.I4, 5), Variant(VT.I4, 5)),
         ("set arg[0][1]=200", Variant.array(VT.UI1, b"abc"), Variant.array(VT.UI1, b"a\xc8c")),
-        ("set arg[0][0][2]=5", NESTED, NESTED._replace(value=(Variant.array(VT.R8, (1.0, 2.0, 5.0)), *_tail))
-         if (_tail := (Variant(VT.I4, 7), Variant(VT.BSTR, "P"))) else NESTED),
+        ("set arg[0][0][2]=5", NESTED,
+         NESTED._replace(value=(Variant.array(VT.R8, (1.0, 2.0, 5.0)), SEVEN, NAME))),
+        ("set arg[0][1]=r8:9", NESTED, NESTED._replace(value=(POSE, Variant(VT.R8, 9.0), NAME))),
+        ("set arg[0][9][0]=9", NESTED, NESTED),
         ("limit arg[0]=..90", POSE, Variant.array(VT.R8, (1.0, 2.0, 90.0))),
         ("limit arg[0]=5..90", INTS, Variant.array(VT.I4, (5, 50))),
         ("limit arg[0]=0.5..2.5", Variant(VT.I4, 3), Variant(VT.I4, 2)),
@@ -67,10 +70,16 @@ NESTED = Variant.array(VT.VARIANT, (POSE, Variant(VT.I4, 7), Variant(VT.BSTR, "P
         ("limit arg[0]=-1..1", Variant(VT.R8, math.nan), Variant(VT.R8, -1.0)),
         ("limit arg[0]=-1..1", Variant(VT.R8, math.inf), Variant(VT.R8, 1.0)),
         ("limit arg[0]=-1..1", Variant(VT.BSTR, "x"), Variant(VT.BSTR, "x")),
+        ("limit arg[0]=..0", Variant(VT.BOOL, True), Variant(VT.BOOL, True)),
+        ("limit arg[0]=..-1", Variant(VT.UI4, 7), Variant(VT.UI4, 7)),
     ],
 )  # fmt: skip
 def test_arguments_are_changed(text: str, before: Variant, after: Variant) -> None:
     assert rewritten(text, before) == [after]
+
+
+def test_each_limit_acts_alone() -> None:
+    assert rewritten("limit arg[0]=..90 limit arg[1]=..5", INTS, SEVEN) == [INTS, Variant(VT.I4, 5)]
 
 
 def test_compressed_and_checked_frames_are_made_anew() -> None:
@@ -91,6 +100,81 @@ def test_a_step_is_limited_from_one_message_to_the_next() -> None:
     assert pass_on((50, 50, 50), "Other") == (50, 50, 50)
     machine.close_conversation(FLOW.conversation)
     assert pass_on((9, 9, 9)) == (9, 9, 9)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "forwarded"),
+    [
+        (Variant.array(VT.R8, (1.0,)), Variant.array(VT.R8, (9.0, 9.0)), Variant.array(VT.R8, (1.5, 9.0))),
+        (Variant(VT.BSTR, "x"), Variant(VT.R8, 9.0), Variant(VT.R8, 9.0)),
+        (Variant(VT.R8, math.inf), Variant(VT.R8, 9.0), Variant(VT.R8, 9.0)),
+    ],
+)
+def test_a_step_starts_from_a_finite_number(first: Variant, second: Variant, forwarded: Variant) -> None:
+    machine = rewriter("step arg[0]=0.5")
+    for value, changed in ((first, first), (second, forwarded)):
+        raw = encode_frame(1, 0, 64, (value,))
+        assert machine.rewrite(Frame(raw), FLOW) == encode_frame(1, 0, 64, (changed,))
+
+
+class Series:
+    """Sends messages of many series, each with the next number of its series."""
+
+    def __init__(self, size: int = 0) -> None:
+        self.machine = rewriter("step arg[0]=1")
+        self.filler = Variant.array(VT.UI1, b"")
+        self.filler = Variant.array(VT.UI1, bytes(max(0, size - len(self.message(0, 0.0)))))
+
+    def message(self, code: int, value: float) -> bytes:
+        return encode_frame(1, 0, code, (Variant(VT.R8, value), self.filler))
+
+    def start(self, *codes: int, flow: Flow = FLOW) -> None:
+        """Send 0, from which a step may reach 1."""
+        for code in codes:
+            self.machine.rewrite(Frame(self.message(code, 0.0)), flow)
+
+    def remembers(self, code: int) -> bool:
+        """Send 9. Return whether the step was limited."""
+        changed = self.machine.rewrite(Frame(self.message(code, 9.0)), FLOW)
+        assert changed in (self.message(code, 1.0), self.message(code, 9.0))
+        return changed == self.message(code, 1.0)
+
+
+def test_the_series_without_news_for_longest_is_forgotten() -> None:
+    series = Series()
+    series.start(*range(MAX_REMEMBERED))
+    assert series.remembers(0)
+    series.start(MAX_REMEMBERED)
+    assert not series.remembers(1)  # takes the place of 2
+    assert series.remembers(3)
+    series.start(0)
+    assert series.remembers(0)
+
+
+def test_large_messages_are_remembered_up_to_a_number_of_bytes() -> None:
+    series = Series(MAX_BYTES // 4)
+    series.start(1, 2, 3, 4, 4)
+    assert [series.remembers(code) for code in (1, 2, 3, 4)] == [True] * 4
+    series.start(1, 2, 3, 4, 5)
+    assert [series.remembers(code) for code in (2, 3, 4, 5)] == [True] * 4
+    assert not series.remembers(1)
+
+
+def test_the_bytes_of_a_closed_conversation_count_no_longer() -> None:
+    series, other = Series(MAX_BYTES // 4), talk(client=Endpoint("10.0.0.3", 50001)).up
+    series.start(1, 2)
+    series.start(1, 2, flow=other)
+    series.machine.close_conversation(other.conversation)
+    series.start(3, 4)
+    assert [series.remembers(code) for code in (1, 2, 3, 4)] == [True] * 4
+
+
+def test_the_latest_message_is_remembered_whatever_its_size() -> None:
+    series = Series(MAX_BYTES + 1)
+    series.start(1)
+    assert series.remembers(1)
+    series.start(2)
+    assert not series.remembers(1)
 
 
 def test_every_try_of_a_call_goes_on_alike_whatever_a_step_allows() -> None:
@@ -118,10 +202,11 @@ def test_nothing_is_another_try_on_tcp() -> None:
 
 
 def test_numbers_of_the_header_are_changed_in_place() -> None:
-    raw = request(1) + b"tail"
-    changed = with_header(Frame(raw), serial=7, reserved=8, code=9)
-    assert (Frame(changed).serial, Frame(changed).reserved, Frame(changed).code) == (7, 8, 9)
-    assert (changed[:5], changed[13:]) == (raw[:5], raw[13:])
+    odd_true = encode_frame(1, 0, 64, (Variant(VT.BOOL, True),)).replace(b"\xff\xff", b"\1\0")
+    for raw in (request(1) + b"tail", odd_true):
+        changed = with_header(Frame(raw), serial=7, reserved=8, code=9)
+        assert (Frame(changed).serial, Frame(changed).reserved, Frame(changed).code) == (7, 8, 9)
+        assert (changed[:5], changed[13:]) == (raw[:5], raw[13:])
 
 
 def test_a_checksum_goes_with_a_new_serial() -> None:
@@ -130,9 +215,13 @@ def test_a_checksum_goes_with_a_new_serial() -> None:
     assert (changed.serial, changed.problems) == (7, ())
 
 
-def test_a_frame_with_problems_keeps_its_arguments() -> None:
-    raw = request(1)[:-2]
-    assert rewriter("set arg[0]=7").rewrite(Frame(raw), FLOW) == raw
+def test_only_the_header_of_a_frame_with_problems_is_changed() -> None:
+    checked = encode_frame(1, 0, 64, (Variant(VT.I4, 1),), Framing.SERIAL_LINE)
+    wrongly_checked = checked.replace(checked[-3:-1], b"\0\0")
+    for raw in (request(1)[:-2], request(1)[:-1] + b"x", wrongly_checked):
+        assert Frame(raw).problems
+        changed = rewriter("serial 7 set arg[0]=9").rewrite(Frame(raw), FLOW)
+        assert changed == raw[:5] + b"\7\0" + raw[7:]
 
 
 @given(
