@@ -171,6 +171,7 @@ def deep_list() -> list[Any]:
         ({"action": "rewrite", "set": {"arg": 1}}, AnyFault, "'arg' is not an argument"),
         ({"action": "delay"}, AnyFault, "time is missing"),
         ({"low": 2, "high": 1}, Limits, "low: "),
+        ({"action": "drop", 1: 2}, AnyFault, "a key is one word"),
         ({"action": "delay", "time": deep_list()}, AnyFault, "lists are nested too deeply"),
         ({"action": "delay", "name": deep_list()}, AnyFault, "name: Expected str, got array"),
         ({"action": deep_list()}, AnyFault, "action: Expected str, got list"),
