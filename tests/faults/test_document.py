@@ -93,7 +93,7 @@ def test_a_rule_file_is_read() -> None:
         ("fault: []\n", "line 1: there is no field 'fault', did you mean 'faults'?"),
         ("faults: 5\n", "line 1: faults: Expected array, got int"),
         ("faults:\n  5\n", "line 1: faults: Expected array, got int"),
-        ("faults:\n  - 1: 2\n", "line 2: faults[0]: a key is one word"),
+        ("faults:\n  - {1: 2, action: drop}\n", "line 2: faults[0]: a key is one word"),
         ("5\n", "line 1: Expected object, got int"),
         ("", "line 1: Expected object, got null"),
         ("faults: [\n", "line 2: "),
@@ -171,9 +171,10 @@ def deep_list() -> list[Any]:
         ({"action": "rewrite", "set": {"arg": 1}}, AnyFault, "'arg' is not an argument"),
         ({"action": "delay"}, AnyFault, "time is missing"),
         ({"low": 2, "high": 1}, Limits, "low: "),
+        ({"action": "drop", 1: 2}, AnyFault, "a key is one word"),
         ({"action": "delay", "time": deep_list()}, AnyFault, "lists are nested too deeply"),
         ({"action": "delay", "name": deep_list()}, AnyFault, "name: Expected str, got array"),
-        ({"action": deep_list()}, AnyFault, "action: Expected str, got array"),
+        ({"action": deep_list()}, AnyFault, "action: Expected str, got list"),
     ],
 )
 def test_errors_in_data_without_text_name_no_line(data: object, kind: Any, error: str) -> None:

@@ -117,6 +117,13 @@ def test_a_step_starts_from_a_finite_number(first: Variant, second: Variant, for
         assert machine.rewrite(Frame(raw), FLOW) == encode_frame(1, 0, 64, (changed,))
 
 
+def test_a_step_is_not_limited_from_one_command_or_code_to_another() -> None:
+    machine = rewriter("step arg[0]=0.5")
+    for value, (code, command) in enumerate(((64, "Move"), (64, "Speed"), (65, "Move"))):
+        raw = encode_frame(1, 0, code, (Variant(VT.I4, value), Variant(VT.BSTR, command)))
+        assert machine.rewrite(Frame(raw), FLOW) == raw
+
+
 class Series:
     """Sends messages of many series, each with the next number of its series."""
 
