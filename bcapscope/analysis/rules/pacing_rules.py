@@ -147,7 +147,7 @@ def _buffer_slack_ns(client: ClientState) -> int:
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     """Return the two successive recent set points with the longest pause between them. Return None if a full
-    buffer lasts at least as long as this pause, or if there are fewer than two recent set points.
+    buffer lasts as long as this pause or longer, or if there are fewer than two recent set points.
     """
     points = list(client.recent_set_points)
     if call.kind.folded_command == "slvmove":
