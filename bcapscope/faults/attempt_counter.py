@@ -102,6 +102,7 @@ class _AttemptsBySerial(RecentSerials[CallAttempt]):
         # The first attempt was lost on its way to this program. Each retry has the next serial, so the
         # difference of the serials gives the number of the attempt.
         behind = (serial - reserved) & 0xFFFF
-        found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
-        self.put(reserved, CallAttempt(found.call, 1))
-        return found
+        number = behind + 1 if behind < MAX_ATTEMPTS else 2
+        call = AttemptedCall(content, number)
+        self.put(reserved, CallAttempt(call, 1))
+        return CallAttempt(call, number)

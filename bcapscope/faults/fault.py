@@ -90,7 +90,7 @@ class MessageFault(Fault, frozen=True, kw_only=True):
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
         """Return random numbers for `apply`; None if the fault does not hit the message."""
-        return True
+        return ()
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         """Apply the fault, with the random numbers `drawn` by `draw`. Return the effect as text for the user;

@@ -12,7 +12,9 @@ request or has the action `pass`, later faults do not get the message.
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections.abc import Iterable
+from operator import itemgetter
 from typing import Any, TypeAlias
 
 from bcapscope.errors import InputError
@@ -57,16 +59,14 @@ class _QueuedOutput:
     """A `FaultOutput` in the queue of the `FaultInjector`.
 
     Attributes:
-        output: The `FaultOutput`; None after it has moved to another `_QueuedOutput`.
-        behind: How many more messages of the same flow must overtake this output.
+        output: The `FaultOutput`; None after it was sent, or has moved to another `_QueuedOutput`.
         size: Number of bytes that this output adds to the total for `MAX_WAITING`.
     """
 
-    __slots__ = ("behind", "output", "size")
+    __slots__ = ("output", "size")
 
-    def __init__(self, output: FaultOutput | None, behind: int = 0) -> None:
-        self.output = output
-        self.behind = behind
+    def __init__(self, output: FaultOutput) -> None:
+        self.output: FaultOutput | None = output
         self.size = _OUTPUT_COST + (len(output.data) if isinstance(output, SendBytes) else 0)
 
     @property
@@ -86,15 +86,15 @@ class FaultInjector:
         self._epoch = epoch
         self._message_count = 0
         self._templates = FrameTemplates()
-        self._needs_pairing = False
         self._recent_requests = RecentRequests()
         self._attempt_counter = AttemptCounter()
         self._reply_factory = ReplyFactory()
         self._queue: list[tuple[int, int, _QueuedOutput]] = []
-        self._sequence = 0
+        self._sequence = itertools.count()
         self._queued_bytes = 0
         self._stream_busy_until: dict[_FlowKey, int] = {}
-        self._held_behind: dict[_FlowKey, list[_QueuedOutput]] = {}
+        # The reordered messages. The number says how many more messages must overtake the message.
+        self._held_behind: dict[_FlowKey, list[tuple[_QueuedOutput, int]]] = {}
         self._half_open: dict[Conversation, Message] = {}
         for fault in faults:
             self.add(fault, now)
@@ -106,7 +106,6 @@ class FaultInjector:
             raise InputError(Message("fault.exists", name=fault.name))
         name = fault.name or _generated_name(fault, names)
         self.active_faults.append(ActiveFault(fault, name, self._seed, now))
-        self._update_needs_pairing()
         return name
 
     def remove(self, name: str) -> None:
@@ -114,12 +113,10 @@ class FaultInjector:
         fault has this name, raise a `KeyError`.
         """
         self.active_faults.remove(self.find(name))
-        self._update_needs_pairing()
 
     def set_enabled(self, name: str, enabled: bool) -> None:
         """Switch a fault on or off. If no fault has this name, raise a `KeyError`."""
         self.find(name).enabled = enabled
-        self._update_needs_pairing()
 
     def find(self, name: str) -> ActiveFault:
         """Return a fault by its name. If no fault has this name, raise a `KeyError`."""
@@ -144,9 +141,6 @@ class FaultInjector:
         """Return whether `process_message` must get the single frames of TCP streams."""
         return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
-    def _update_needs_pairing(self) -> None:
-        self._needs_pairing = any(active.enabled and active.needs_pairing for active in self.active_faults)
-
     def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
         """Apply the faults to a datagram, to a frame of a stream, or to bytes of a stream that are not a
         frame. All messages of a direction must have the same `Flow` object.
@@ -159,7 +153,7 @@ class FaultInjector:
         self._message_count += 1
         number, time = self._message_count, now + self._epoch
         message = WireMessage(number, flow, data, now, time, templates=self._templates)
-        if self._needs_pairing:
+        if any(active.needs_pairing for active in self.active_faults):
             message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
         self._reply_factory.on_message(flow, data)
         hits = self._draw_hits(message)
@@ -193,8 +187,7 @@ class FaultInjector:
             self._queued_bytes -= queued.size
             if queued.output is not None:
                 outputs.append(queued.output)
-                if queued.behind:
-                    self._remove_held_behind(queued)
+                queued.output = None
         return outputs
 
     def holds(self, flow: Flow) -> bool:
@@ -221,7 +214,7 @@ class FaultInjector:
         self._held_behind.pop(key, None)
         if flow.conversation in self._half_open:
             return []
-        outputs = [queued.output for _, _, queued in sorted(found, key=lambda entry: entry[:2])]
+        outputs = [queued.output for _, _, queued in sorted(found, key=itemgetter(0, 1))]
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -262,7 +255,7 @@ class FaultInjector:
                 yield Message("fault.did", name=active.name, what=what)
 
     def _pass_unchanged(self, flow: Flow, data: bytes, now: int, outputs: list[FaultOutput]) -> FaultResult:
-        if not self._queue and not self._held_behind:
+        if not self._queue:
             outputs.append(SendBytes(flow, data))
             return FaultResult(outputs)
         self._enqueue_send(flow, SendBytes(flow, data), now)
@@ -271,9 +264,7 @@ class FaultInjector:
     def _schedule(self, faulted: FaultedMessage, notes: tuple[Message, ...]) -> None:
         message = faulted.original
         flow, now = message.flow, message.now
-        back = flow
-        if faulted.replies and flow.direction is Direction.REQUEST:
-            back = Flow(flow.conversation, Direction.RESPONSE)
+        back = Flow(flow.conversation, Direction.RESPONSE)
         for late, raw in faulted.replies:
             self._enqueue_send(back, SendBytes(back, raw, notes), now + late)
         if faulted.close_mode is not None:
@@ -286,8 +277,8 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay)
         else:
             behind, patience = faulted.held_behind
-            queued = _QueuedOutput(send, behind)
-            self._held_behind.setdefault(_flow_key(flow), []).append(queued)
+            queued = _QueuedOutput(send)
+            self._held_behind.setdefault(_flow_key(flow), []).append((queued, behind))
             self._enqueue(now + faulted.delay + patience, queued)
         for late in faulted.copy_delays:
             self._enqueue_send(flow, send, now + faulted.delay + late)
@@ -309,25 +300,19 @@ class FaultInjector:
         if flow.conversation.transport is Transport.TCP:
             self._stream_busy_until[key] = due = max(due, self._stream_busy_until.get(key, due))
         self._enqueue(due, _QueuedOutput(send))
-        for queued in list(self._held_behind.get(key, ())):
-            queued.behind -= 1
-            if not queued.behind:
-                self._remove_held_behind(queued)
+        still_behind = []
+        for queued, behind in self._held_behind.pop(key, ()):
+            if queued.output is not None and behind > 1:
+                still_behind.append((queued, behind - 1))
+            elif queued.output is not None:
                 self._enqueue(due, _QueuedOutput(queued.output))
                 queued.output = None
+        if still_behind:
+            self._held_behind[key] = still_behind
 
     def _enqueue(self, due: int, queued: _QueuedOutput) -> None:
-        self._sequence += 1
         self._queued_bytes += queued.size
-        heapq.heappush(self._queue, (due, self._sequence, queued))
-
-    def _remove_held_behind(self, queued: _QueuedOutput) -> None:
-        assert isinstance(queued.output, SendBytes)
-        key = _flow_key(queued.output.flow)
-        waiting = self._held_behind[key]
-        waiting.remove(queued)
-        if not waiting:
-            del self._held_behind[key]
+        heapq.heappush(self._queue, (due, next(self._sequence), queued))
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:

@@ -25,13 +25,7 @@ class FaultMatcher:
         if fault.when is not None:
             self._test = fault.when.filter.bind(FRAME_GETTERS)
         self._hits_left = fault.times
-
-    @property
-    def needs_pairing(self) -> bool:
-        """Whether the fault's conditions need the request of each reply, or the attempt of each frame."""
-        when = self.fault.when
-        asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
-        return asks or self.fault.attempt is not None
+        self.needs_pairing = _needs_pairing(fault)
 
     def can_hit(self, now: int) -> bool:
         """Return whether the fault can hit a message now or later."""
@@ -62,6 +56,13 @@ class FaultMatcher:
         self.hit_count += 1
         if self._hits_left:
             self._hits_left -= 1
+
+
+def _needs_pairing(fault: Fault) -> bool:
+    """Return whether the fault's conditions need the request of each reply, or the attempt of each frame."""
+    when = fault.when
+    asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
+    return asks or fault.attempt is not None
 
 
 _NEEDS_REQUEST = ("function_id", "function", "command")

@@ -27,12 +27,20 @@ def test_a_retry_whose_first_try_was_lost_counts_from_it() -> None:
     assert number(attempts, flows, 12, 10) == 3
     assert number(attempts, flows, 13, 10) == 4
     assert answered(attempts, flows, 12) == 3
-    assert number(attempts, flows, 5000, 100) == 2
+    assert answered(attempts, flows, 10) == 1
+    assert number(attempts, flows, 115, 100) == 16
+    assert number(attempts, flows, 216, 200) == 2
 
 
 def test_a_copy_made_by_the_network_is_the_same_try() -> None:
     attempts, flows = AttemptCounter(), talk()
     assert [number(attempts, flows, *each) for each in ((5, 0), (6, 5), (6, 5), (7, 5))] == [1, 2, 2, 3]
+    assert [number(attempts, flows, *each) for each in ((1, 0), (2, 1), (2, 1))] == [1, 2, 2]
+
+
+def test_a_request_without_a_reserved_is_a_new_call_under_any_serial() -> None:
+    attempts, flows = AttemptCounter(), talk()
+    assert [number(attempts, flows, *each) for each in ((5, 0), (6, 5), (6, 0), (7, 6))] == [1, 2, 1, 2]
 
 
 def test_another_call_with_the_number_of_an_earlier_one_is_no_retry() -> None:

@@ -201,12 +201,9 @@ def test_copies_follow_their_message() -> None:
 
 
 def test_a_reordered_message_goes_behind_others() -> None:
-    assert [Frame(raw).serial for raw in through(shaper("reorder=2 times 1"), talk(), 1, 2, 3, 4)] == [
-        2,
-        3,
-        1,
-        4,
-    ]
+    for others, order in ((2, [2, 3, 1, 4, 5]), (3, [2, 3, 4, 1, 5])):
+        found = through(shaper(f"reorder={others} times 1"), talk(), 1, 2, 3, 4, 5)
+        assert [Frame(raw).serial for raw in found] == order
 
 
 def test_a_reordered_message_does_not_wait_without_end() -> None:
@@ -649,11 +646,103 @@ def test_what_is_held_of_one_direction_can_be_taken_back_in_its_order(transport:
         shaper("delay=20ms if serial == 1", "delay=10ms", "reorder if serial == 4"),
         talk(transport),
     )
-    for serial in (1, 2, 4):
+    for serial in (1, 2, 3, 4):
         machine.process_message(flows.up, request(serial), 0)
     machine.process_message(flows.down, reply(1), 0)
-    held = machine.pop_held(flows.up)
-    assert sorted(held) == sorted(map(request, (1, 2, 4)))
+    in_order = (1, 2, 3, 4) if transport is Transport.TCP else (2, 3, 1, 4)
+    assert machine.pop_held(flows.up) == [*map(request, in_order)]
     assert machine.pop_held(flows.up) == []
     assert not machine.holds(flows.up)
     assert [data for _, data in run_dry(machine, 0)] == [reply(1)]
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+@pytest.mark.parametrize("fault", ["delay=20ms", "reorder"])
+def test_what_was_taken_back_or_closed_holds_nothing_up_and_comes_no_more(
+    fault: str, is_closed: bool
+) -> None:
+    machine, flows, other = (
+        shaper("delay=9ms if serial == 9", f"{fault} if serial == 1"),
+        talk(Transport.TCP),
+        talk(),
+    )
+    machine.process_message(other.up, request(9), 0)
+    machine.process_message(flows.up, request(1), 0)
+    if is_closed:
+        machine.close_conversation(flows.up.conversation)
+    else:
+        assert machine.pop_held(flows.up) == [request(1)]
+    assert passes(machine, flows.up, request(2))
+    assert passes(machine, flows.up, request(3))
+    assert run_dry(machine, 0) == [(9 * MS, request(9))]
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_the_rest_keeps_its_times_after_some_was_taken_back_or_closed(is_closed: bool) -> None:
+    delays = {1: 1, 2: 10, 3: 2, 4: 11, 5: 12, 6: 3}
+    machine = shaper(*(f"delay={delay}ms if serial == {serial}" for serial, delay in delays.items()))
+    gone, kept = talk(client=Endpoint("10.0.0.3", 5)), talk()
+    for serial in delays:
+        machine.process_message((gone if serial in (1, 3) else kept).up, request(serial), 0)
+    if is_closed:
+        machine.close_conversation(gone.up.conversation)
+    else:
+        machine.pop_held(gone.up)
+    assert run_dry(machine, 0) == [(delays[serial] * MS, request(serial)) for serial in (6, 2, 4, 5)]
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_what_was_taken_back_or_closed_makes_room(is_closed: bool) -> None:
+    machine, flows = shaper("delay=10s"), talk()
+    while not machine.is_full:
+        machine.process_message(flows.up, bytes(60_000), 0)
+    if is_closed:
+        machine.close_conversation(flows.up.conversation)
+    else:
+        machine.pop_held(flows.up)
+    assert not machine.is_full
+
+
+def test_nothing_can_be_taken_back_from_a_half_open_conversation() -> None:
+    machine, flows = shaper("delay=20ms if serial == 1", "half-open if serial == 2"), talk(Transport.TCP)
+    machine.process_message(flows.up, request(1), 0)
+    machine.process_message(flows.up, request(2), 0)
+    assert machine.pop_held(flows.up) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "times"),
+    [
+        ("close", [25]),
+        ("duplicate time 1ms times 1", [25, 26]),
+        ("reorder=2 time 10ms", [35]),
+        ("executing=4ms every 2ms", [25, 27, 29]),
+    ],
+)
+def test_a_delay_adds_to_what_another_fault_does(fault: str, times: list[int]) -> None:
+    machine, flow, found = shaper("delay=25ms", fault), talk(Transport.TCP).down, []
+    outputs = machine.process_message(flow, reply(1), HOUR).outputs
+    found += [0] * len(outputs)
+    while (due := machine.due()) is not None:
+        found += [(due - HOUR) // MS] * len(machine.advance(due))
+    assert found == times
+
+
+def test_copies_that_need_not_wait_are_sent_when_too_much_is_held() -> None:
+    raw, flows = bytes(60_000), talk()
+    machine = shaper("duplicate=1000 time 10s", "duplicate=2")
+    while not machine.is_full:
+        machine.process_message(flows.up, raw, 0)
+    assert sent(machine.process_message(flows.up, raw, 0).outputs) == [raw] * 3
+
+
+def test_a_fault_gets_a_message_as_earlier_faults_left_it() -> None:
+    machine = shaper("rewrite serial 7", "rewrite set arg[1]=Other")
+    assert sent(machine.process_message(talk().up, request(1), 0).outputs) == [request(7, "Other")]
+
+
+def test_conditions_see_the_time_of_day() -> None:
+    fault = read_fault('drop if time >= "1970-01-01 00:00:13" and time < "1970-01-01 00:00:14"')
+    machine = FaultInjector([fault], now=0, epoch=10_000 * MS)
+    left = [machine.process_message(talk().up, request(1), second * 1000 * MS) for second in range(5)]
+    assert [len(sent(result.outputs)) for result in left] == [1, 1, 1, 0, 1]

@@ -95,6 +95,8 @@ TABLE: list[tuple[str, AnyFault]] = [
         ExecutingFault(time=DurationQuantity(10_000 * MS), every=DurationQuantity(MS)),
     ),
     (f"drop times {7:040}", DropFault(times=7)),
+    ("drop times 1", DropFault(times=1)),
+    ("drop times 1000000", DropFault(times=1_000_000)),
 ]
 
 DEFAULTS: list[tuple[str, AnyFault]] = [
@@ -185,6 +187,7 @@ def test_changes_of_a_message_leave_alone_what_is_no_frame() -> None:
         ("drop time 3ms", 5, "'time' is not allowed here, did you mean 'times'?"),
         ("drop times", 10, "a value for times is missing"),
         ("drop times 0", 11, "Expected int >= 1"),
+        ("drop times 1000001", 11, "Expected int <= 1000000"),
         (f"drop times {7:041}", 11, "a number of more than 40 characters"),
         ("drop name a=b", 10, "a name has at most 60 letters, digits and _ . + -"),
         ("drop try x", 9, "Expected int | null, got str"),

@@ -47,8 +47,21 @@ def test_the_servers_own_manners_are_learnt_and_forgotten() -> None:
     manners.on_message(flows.down, reply(6, reserved=0))
     assert reserved() == 0
     manners.on_message(flows.down, reply(6, reserved=5))
+    manners.on_message(flows.up, request(7))
+    manners.on_message(flows.down, reply(7))  # an answer to a request with 0 shows nothing
+    assert reserved() == 5
     manners.close_conversation(conversation)
     assert reserved() == 0
+    manners.on_message(flows.down, reply(6, reserved=5))  # answers a request of before
+    assert reserved() == 0
+
+
+def test_the_servers_manners_are_learnt_from_the_shortest_frames() -> None:
+    manners, flows = ReplyFactory(), talk()
+    manners.on_message(flows.up, encode_frame(6, 5, 64))
+    manners.on_message(flows.down, encode_frame(6, 5, 0))
+    raw = manners.make_reply(flows.up.conversation, Frame(request(8, reserved=7)), E_FAIL)
+    assert Frame(raw).reserved == 7
 
 
 def test_only_so_many_servers_are_remembered() -> None:
