@@ -37,6 +37,9 @@ _FEEDBACK_PARTS: _Arrangement = (
 # Pose types in a result with two poses (receive formats 4 and 5). The key is how many numbers the result has.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
+# Combinations of I/O in a set point or result, the most likely first.
+_IO_COMBINATIONS = ("", "hand_io", "mini_io", "mini_io hand_io", "user_io", "user_io hand_io")
+
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
 # a tuple, because `in` first compares identities, which is faster than == of dataclasses
@@ -114,14 +117,13 @@ def parse_set_point(
     layout = next((each for each in choices if _is_plausible(each, parts)), choices[0])
     named, problems = _name_parts(layout, parts)
     pose, more = build_pose(named["pose"], pose_type) if "pose" in named else (None, ())
-    ambiguous = send is None or (receive is None and len(choices) > 1)
     return SetPoint(
         pose=pose,
         mini_io=named.get("mini_io"),
         user_write=_user_io(named, "write"),
         user_read=_user_io(named, "read"),
         hand_io=named.get("hand_io"),
-        guessed=(pose is not None and pose.guessed) or (len(parts) > 1 and ambiguous),
+        guessed=(pose is not None and pose.guessed) or (len(parts) > 1 and send is None),
         problems=(*problems, *more),
     )
 
@@ -194,11 +196,10 @@ def _matching_arrangements(
     layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
     """Return each arrangement in `layouts` whose elements have the kinds in `kinds`, in order. If there is no
-    such arrangement, return only the first of `layouts`.
+    such arrangement, return all `layouts`.
     """
     listed = tuple(layouts)
-    agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
-    return agreeing or listed[:1]
+    return tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds) or listed
 
 
 @lru_cache(maxsize=256)
@@ -206,7 +207,7 @@ def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
     """Return the possible arrangements of a set point's elements, the most likely first."""
-    sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
+    sends = [send] if send else [SendFormat(**_flags(names)) for names in _IO_COMBINATIONS]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
         (tuple(_set_point_parts(form, read)) for form, read in product(sends, user_reads)), kinds
@@ -230,8 +231,18 @@ def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]
     """Return the possible arrangements of a result's elements, the most likely first."""
     if receive is not None:
         return _matching_arrangements([_feedback_parts(receive)], kinds)
-    bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
-    return _matching_arrangements((_feedback_parts(ReceiveFormat.parse(sum(each))) for each in bits), kinds)
+    forms = product(("", "timestamp"), _IO_COMBINATIONS, ("", "current"))
+    return _matching_arrangements(
+        (
+            _feedback_parts(ReceiveFormat((PoseType.J,), **_flags(f"{time} {names} {current}")))
+            for time, names, current in forms
+        ),
+        kinds,
+    )
+
+
+def _flags(names: str) -> dict[str, Any]:
+    return dict.fromkeys(names.split(), True)
 
 
 def _feedback_parts(form: ReceiveFormat) -> _Arrangement:
@@ -269,8 +280,7 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False
-    lone_hand = 0 if "mini_io" in named else named.get("hand_io", 0)
-    return not problems and not lone_hand & 0xFF000000
+    return not problems and ("mini_io" in named or not named.get("hand_io", 0) & 0xFF000000)
 
 
 def _is_valid_user_io(run: UserIO) -> bool:

@@ -123,14 +123,13 @@ def is_rc7_code(code: int) -> bool:
 def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
     """Return `codes` together with RC7's codes of the same meaning, in the forms 0000xxxx and 8000xxxx."""
     plain = frozenset(codes)
-    numbers = {code for code in plain if code <= 0xFFFF}
-    numbers |= {int(rc7, 16) for code in plain if (rc7 := describe_hresult(code).rc7) is not None}
+    numbers = {int(rc7, 16) for code in plain if (rc7 := describe_hresult(code).rc7) is not None}
     return plain | numbers | {_GUESSED_RC7_FORM | number for number in numbers}
 
 
 def rc7_digits_guessed(code: int) -> str | None:
     """Return the digits xxxx of a code 8000xxxx, which RC7 may send; None for any other code."""
-    guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
+    guessed = code & 0xFFFF0000 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
 
@@ -164,7 +163,7 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
             return _info_from_range(code, first, row)
     if _has_rc7_form(code):
         return _info_as_rc7(code)
-    if code & 0x80000000 and _has_level_digits(code):
+    if _has_level_digits(code):
         return _info_from_digits(code)
     return HresultInfo(code, None, Message("hresult.failure" if is_failure(code) else "hresult.success"))
 

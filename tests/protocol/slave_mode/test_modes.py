@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.variant import VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.modes import (
     MODES,
+    PERIOD_MS,
+    PERIOD_NS,
     Generation,
     ModeKind,
     PoseType,
@@ -18,6 +20,10 @@ from bcapscope.protocol.slave_mode.modes import (
 )
 
 RC7, RC8 = Generation.RC7, Generation.RC8
+
+
+def test_a_controller_takes_a_set_point_every_8_ms() -> None:
+    assert (PERIOD_MS, PERIOD_NS) == (8, 8_000_000)
 
 
 @pytest.mark.parametrize(

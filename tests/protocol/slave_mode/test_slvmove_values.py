@@ -97,6 +97,11 @@ def test_a_mixed_list_of_numbers_is_a_pose() -> None:
     assert parse_set_point(sent, J) == SetPoint(Pose(J, (0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5)))
 
 
+def test_a_list_of_six_numbers_is_a_pose_of_an_rc7() -> None:
+    sent = array(word(0), *(Variant(VT.R8, 0.5) for _ in range(5)))
+    assert parse_set_point(sent, J) == SetPoint(Pose(J, (0, 0.5, 0.5, 0.5, 0.5, 0.5)))
+
+
 def test_a_list_of_fewer_numbers_than_any_pose_has_is_no_pose() -> None:
     point = parse_set_point(array(*(Variant(VT.R8, 0.5) for _ in range(5))), J, SendFormat())
     assert point.pose is None
@@ -110,8 +115,43 @@ def test_a_damaged_row_of_as_many_bytes_as_a_pose_has_axes_is_no_pose() -> None:
 
 
 def test_a_lone_word_is_hand_io_unless_it_has_bits_of_mini_io() -> None:
-    assert parse_set_point(array(POSE, word(0x00FF0000)), J).hand_io == 0x00FF0000
-    assert parse_set_point(array(POSE, word(0x01000000)), J).mini_io == 0x01000000
+    for value in (0, 1, 0x00FFFFFF):
+        assert parse_set_point(array(POSE, word(value)), J).hand_io == value
+    for value in (0x01000000, -(1 << 31)):
+        assert parse_set_point(array(POSE, word(value)), J).mini_io == value
+
+
+@pytest.mark.parametrize(
+    ("offset", "size", "is_plausible"),
+    [
+        (128, 8, True),
+        (120, 8, False),
+        (132, 8, False),
+        (0xFFF8, 0xFFF8, True),
+        (0x10000, 8, False),
+        (128, 0x10000, False),
+        (128, 0, False),
+        (128, 12, False),
+    ],
+)
+def test_two_words_are_user_io_only_if_they_can_be_its_bits(
+    offset: int, size: int, is_plausible: bool
+) -> None:
+    point = parse_set_point(array(POSE, word(offset), word(size)), J)
+    assert (point.user_read is not None) is is_plausible
+    assert (point.mini_io == offset) is not is_plausible
+
+
+def test_bits_to_read_without_their_number_are_not_read() -> None:
+    point = parse_set_point(array(POSE, word(128)), J, SendFormat(), ReceiveFormat.parse(0x202))
+    assert point.user_read is None
+    assert tuple(map(str, point.problems)) == ("read_size is missing: an integer expected, the end found",)
+
+
+@pytest.mark.parametrize("user_read", [False, True])
+def test_what_a_result_carries_shows_in_a_set_point_of_a_known_format(user_read: bool) -> None:
+    parameter, expected = set_point(0x120, user_read)
+    assert parse_set_point(parameter, J, SendFormat.parse(0x120)) == expected
 
 
 def test_what_the_format_asks_for_and_is_not_there() -> None:

@@ -9,11 +9,17 @@ from hypothesis import strategies as st
 from bcapscope.protocol.tables import hresult
 from bcapscope.protocol.tables.hresult import (
     CODE_BY_NAME,
+    SUBSYSTEMS,
     describe_hresult,
     ends_slave_mode,
     hresult_name,
     is_failure,
+    is_known_code,
+    is_rc7_code,
     is_success,
+    level_name,
+    rc7_digits_guessed,
+    with_rc7_forms,
 )
 from bcapscope.protocol.tables.table_rows import table_rows
 
@@ -63,11 +69,12 @@ JAVA_SYMBOLS = {
 
 # Code, level as the list of controller errors prints it, words that the text must hold.
 CONTROLLER_CODES = [
-    (0x83500121, 3, "slave mode is off"),
-    (0x84201482, 4, "ran empty"),
-    (0x83201483, 3, "overflow"),
+    (hresult.E_NOT_IN_SLAVE_MODE, 3, "slave mode is off"),
+    (hresult.E_SLAVE_UNDERFLOW, 4, "ran empty"),
+    (hresult.E_SLAVE_OVERFLOW, 3, "overflow"),
     (0x81501003, 1, "motor must be on"),
-    (0x83501024, 3, "arm semaphore"),
+    (hresult.E_ARM_NOT_TAKEN, 3, "arm semaphore"),
+    (hresult.E_REFUSED_IN_SLAVE_MODE, 3, "while slave mode is on"),
     (0x805003F2, 0, "logged out"),
     (0x85201485, 5, "no memory"),
     (0x82201F91, 2, "option"),
@@ -123,12 +130,17 @@ def test_constants_are_the_codes_that_they_name() -> None:
         (-1, True),
         (-2147467259, True),  # E_FAIL as a signed number
         (0x600B, True),  # RC7: any result but S_OK is an error
+        (0x1000, True),
+        (0x0FFF, False),
+        (0xFFFF, True),
         (0x00010000, False),
+        (0x7FFFFFFF, False),
+        (0x80000000, True),
     ],
 )
 def test_success_and_failure(code: int, failure: bool) -> None:
     assert is_failure(code) is failure
-    assert is_success(code) is not failure
+    assert is_success(code) is (not failure)
 
 
 @pytest.mark.parametrize(
@@ -155,8 +167,15 @@ def test_which_results_end_slave_mode(code: int, ends: bool) -> None:
 def test_axis_families_name_the_axis(base: int) -> None:
     for axis in range(1, 9):
         result = describe_hresult(base + axis)
-        assert (result.axis, result.is_listed) == (axis, True)
+        assert (result.code, result.axis, result.is_listed) == (base + axis, axis, True)
         assert result.text.startswith(f"J{axis}: ")
+    assert not any(describe_hresult(base + other).is_listed for other in (0, 9))
+
+
+def test_advice_stands_beside_the_meaning() -> None:
+    assert str(describe_hresult(hresult.S_BUF_FULL).advice).startswith("wait one cycle")
+    assert describe_hresult(hresult.E_SLAVE_UNDERFLOW).advice is not None
+    assert describe_hresult(0x85201485).advice is None
 
 
 @pytest.mark.parametrize(
@@ -164,6 +183,14 @@ def test_axis_families_name_the_axis(base: int) -> None:
     [
         (0x84404513, 4, "servo and safety", 3),  # "J3: excessive position error" in denso_cobotta_ros
         (0x84404519, 4, "servo and safety", None),
+        (0x84404518, 4, "servo and safety", 8),
+        (0x84404510, 4, "servo and safety", None),
+        (0x84405513, 4, "servo and safety", None),
+        (0x84204A91, 4, "motion and path", 1),
+        (0x84504A91, 4, "system", None),
+        (0x8100ABCD, 1, None, None),
+        (0x8010ABCD, 0, None, None),
+        (0x8090ABCD, 0, None, None),
         (0x83611234, 3, "user programs", None),
         (0x8286ABCD, 2, "pendant and project", None),
         (0x81201234, 1, "motion and path", None),
@@ -179,12 +206,70 @@ def test_digits_of_an_unknown_controller_code(
     assert (result.is_listed, result.is_guess, result.name) == (False, True, None)
     assert "derived from the digits" in result.text
     assert f"level {level}" in result.text
+    assert (f"J{axis}" in result.text) is (axis is not None)
+    assert (part or "level") in result.text
+    assert "None" not in result.text
 
 
 def test_digits_say_nothing_above_level_5() -> None:
     # The driver of COBOTTA has 8F400506, whose level is 1.
-    result = describe_hresult(0x8F400506)
-    assert (result.level, result.subsystem, result.axis, result.is_listed) == (None, None, None, False)
+    for code in (0x8F400506, 0x8620ABCD):
+        result = describe_hresult(code)
+        assert (result.level, result.subsystem, result.axis, result.is_listed) == (None, None, None, False)
+
+
+def test_each_level_and_each_part_of_a_controller_has_a_name() -> None:
+    assert len({str(level_name(level)) for level in hresult.LEVELS}) == 6
+    for part in range(16):
+        result = describe_hresult(0x8100ABCD | part << 20)
+        assert (result.subsystem is not None) is (part in SUBSYSTEMS)
+
+
+@pytest.mark.parametrize(
+    ("code", "is_known"),
+    [
+        (hresult.E_FAIL, True),
+        (0x84204043, True),  # one of a family
+        (0x80070002, True),  # one of a range
+        (0x600B, True),
+        (0x2ABC, False),
+        (0x84404519, False),
+        (0x8F400506, False),
+        (0x00012345, False),
+    ],
+)
+def test_a_code_is_known_if_a_table_has_it(code: int, is_known: bool) -> None:
+    assert is_known_code(code) is is_known
+
+
+@pytest.mark.parametrize(
+    ("code", "guessed"),
+    [(0x8000600B, "600B"), (0x80001000, "1000"), (0x80000FFF, None), (0x600B, None), (0x8001600B, None)],
+)
+def test_the_digits_of_an_rc7_are_guessed_in_one_form_only(code: int, guessed: str | None) -> None:
+    assert rc7_digits_guessed(code) == rc7_digits_guessed(code - (code >> 31 << 32)) == guessed
+
+
+@pytest.mark.parametrize(
+    ("code", "is_rc7"),
+    [
+        (0x600B, True),
+        (0x8000600B, True),
+        (0x1000, True),
+        (0x0FFF, False),
+        (0x1600B, False),
+        (hresult.E_UNEXPECTED, False),
+        (0x80004002, False),  # of COM
+    ],
+)
+def test_codes_of_an_rc7_have_four_digits(code: int, is_rc7: bool) -> None:
+    assert is_rc7_code(code) is is_rc7
+
+
+def test_codes_of_the_same_meaning_on_an_rc7() -> None:
+    assert with_rc7_forms([0x81501014]) == {0x81501014, 0x21E4, 0x800021E4}
+    assert with_rc7_forms([0x600B]) == {0x600B, 0x8000600B}
+    assert with_rc7_forms([hresult.E_FAIL]) == {hresult.E_FAIL}
 
 
 @pytest.mark.parametrize(
@@ -192,6 +277,7 @@ def test_digits_say_nothing_above_level_5() -> None:
     [
         (0x80070002, "Windows error 2"),
         (0x80912746, "socket error 10054"),
+        (0x8091FFFF, "socket error 65535"),
         (0x81500143, "CAO engine"),
         (0x800002FF, "CAO engine"),
         (0x80004002, "COM"),
@@ -201,6 +287,7 @@ def test_ranges(code: int, words: str) -> None:
     result = describe_hresult(code)
     assert words in result.text
     assert (result.is_listed, result.is_guess) == (False, False)
+    assert (result.level is None) is not (code == 0x81500143)
 
 
 def test_busy_is_told_from_other_socket_errors() -> None:
@@ -224,19 +311,21 @@ def test_low_half_counts_only_for_a_known_rc7() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rc7", "words"),
+    ("rc7", "words", "axis"),
     [
-        ("21D3", "error is active"),
-        ("2254", "slave mode is on"),
-        ("607F", "figure"),
-        ("6415", "J5"),
-        ("2006", "motor"),
+        ("21D3", "error is active", None),
+        ("2254", "slave mode is on", None),
+        ("607F", "figure", None),
+        ("6411", "J1", 1),
+        ("6415", "J5", 5),
+        ("6417", "J7", 7),
+        ("2006", "motor", None),
     ],
 )
-def test_rc7_codes_carry_the_meaning_of_their_rc8_equivalent(rc7: str, words: str) -> None:
+def test_rc7_codes_carry_the_meaning_of_their_rc8_equivalent(rc7: str, words: str, axis: int | None) -> None:
     result = describe_hresult(int(rc7, 16))
     assert words in result.text
-    assert (result.rc7, result.is_guess) == (rc7, True)
+    assert (result.rc7, result.is_guess, result.axis) == (rc7, True, axis)
 
 
 def test_an_rc7_code_that_is_not_in_the_table() -> None:
