@@ -20,7 +20,10 @@ _I4 = Variant(VT.I4, 1)
         (None, EMPTY),
         (True, Variant(VT.BOOL, True)),
         (-5, Variant(VT.I4, -5)),
+        (2**31 - 1, Variant(VT.I4, 2**31 - 1)),
         (2**31, Variant(VT.I8, 2**31)),
+        (-(2**31), Variant(VT.I4, -(2**31))),
+        (-(2**31) - 1, Variant(VT.I8, -(2**31) - 1)),
         (0.5, Variant(VT.R8, 0.5)),
         ("text", Variant(VT.BSTR, "text")),
         (b"\x01", Variant.array(VT.UI1, b"\x01")),
@@ -51,6 +54,8 @@ def test_the_function_has_its_types() -> None:
     assert arguments_of(speed, (7, -1, 50)) == (Variant(VT.I4, 7), Variant(VT.I4, -1), Variant(VT.R4, 50))
     typed = Variant(VT.I2, 1)
     assert arguments_of(FUNCTIONS[64], (7, "Motor", typed))[2] is typed
+    assert arguments_of(FUNCTIONS[64], (7, "Motor", 5))[2] == Variant(VT.I4, 5)
+    assert arguments_of(speed, (7, typed, 50))[1] is typed
 
 
 @pytest.mark.parametrize(

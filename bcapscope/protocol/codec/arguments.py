@@ -134,7 +134,7 @@ class ArgumentReader:
         bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
         known, left = len(self.problems), (self._numbers_left, self._values_left)
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
-        if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
+        if self._position_lost and bounded and not self._trusts_lengths:
             self._trusts_lengths = True
             variant = EMPTY  # release the memory of the incomplete value before the value is read again
             del self.problems[known:]
@@ -255,7 +255,8 @@ class ArgumentReader:
             reason = Message("problem.data.string", size=size, present=stop - start)
             self._lose_position(self.pos, "data", reason)
         self.pos = stop
-        return self.raw[start : stop - (stop - start) % 2].decode("utf-16-le", "surrogatepass")
+        data = self.raw[start:stop]
+        return data[: len(data) // 2 * 2].decode("utf-16-le", "surrogatepass")
 
     def _read_strings(self, count: int) -> tuple[Value, ...]:
         values: list[Value] = []
@@ -269,12 +270,9 @@ class ArgumentReader:
         values: list[Variant] = []
         if depth == MAX_NESTING:
             self._lose_position(self.pos, "nesting", Message("problem.nesting", depth=MAX_NESTING))
-            return ()
         while len(values) < count and not self._position_lost:
             if self._value_end - self.pos < _TYPE_COUNT.size:
                 self._report_missing_data(count, VT.VARIANT, len(values))
-                break
-            if not self._count_value():
-                break
-            values.append(self._read_variant(depth + 1))
+            elif self._count_value():
+                values.append(self._read_variant(depth + 1))
         return tuple(values)

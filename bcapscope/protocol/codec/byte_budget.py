@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
+from bcapscope.protocol.codec.frame_content import LARGEST_FRAME
+
+DEFAULT_BYTE_BUDGET = 2 * LARGEST_FRAME
 """Default limit, in bytes, for all buffers of one process: two frames of maximum size."""
 
 

@@ -17,10 +17,10 @@ EOT = 0x04
 HEADER_SIZE = 15
 SMALLEST_FRAME = 16
 
-LARGEST_FRAME = 16 * 1024 * 1024
+LARGEST_FRAME = 16 << 20
 """Largest frame in bytes: the limit of the older C client for TCP (b-Cap.h). Newer libraries have none."""
 
-LARGEST_UNPACKED = 256 * 1024
+LARGEST_UNPACKED = 256 << 10
 """Maximum size in bytes of an unpacked body. A malicious zlib stream of 16 KiB could unpack to 16 MiB."""
 
 _HEADER = struct.Struct("<xIHHIH")
@@ -72,8 +72,8 @@ class FrameContent:
 
     def _read_arguments(self) -> ArgumentReader:
         body = self.body
-        has_eot = len(body) > HEADER_SIZE and body[-1] == EOT
-        damaged_eot = len(body) > HEADER_SIZE and int.from_bytes(body[1:5], "little") == len(body)
+        has_eot = body[-1] == EOT
+        damaged_eot = int.from_bytes(body[1:5], "little") == len(body)
         end = len(body) - 1 if has_eot or damaged_eot else len(body)
         reader = ArgumentReader(body, HEADER_SIZE, end)
         reader.read(int.from_bytes(body[13:15], "little"))

@@ -125,7 +125,7 @@ def _parse_integer(vt: VT, text: str) -> int:
     except ValueError:
         value = int(text)  # `int(text, 0)` rejects leading zeros
     low, high = _integer_range(vt)
-    if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
+    if high < value <= high - low and text.strip().lower().startswith("0x"):
         value -= high - low + 1  # the text may be the bit pattern of a negative number, such as a result code
     if not low <= value <= high:
         raise ValueError

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from bcapscope.messages import Message
 from bcapscope.messages.places import Listing
-from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from bcapscope.protocol.codec.variant import ARRAY, Variant
 from bcapscope.protocol.slave_mode.poses import AXES, Pose
 from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
 from bcapscope.protocol.tables import enumerations
@@ -89,14 +89,16 @@ def _axis_labels(pose: Pose) -> Iterator[ValueLabel]:
 _HANDLE_LABELS = {
     f"h{kind}": ValueLabel(text=Message("field.handle", object=kind.value)) for kind in ObjectClass
 }
-_ARGUMENT_MEANINGS = {
+_ARGUMENT_MEANINGS: dict[tuple[int | None, str], Mapping[int, str]] = {
     (ID["Robot_Move"], "lComp"): enumerations.INTERPOLATIONS,
     (ID["Robot_Speed"], "lAxis"): enumerations.SPEED_AXES,
     (ID["Robot_Accelerate"], "lAxis"): enumerations.SPEED_AXES,
     (ID["Task_Start"], "lMode"): enumerations.TASK_START_MODES,
     (ID["Task_Stop"], "lMode"): enumerations.TASK_STOP_MODES,
 }
-_PARAMETER_MEANINGS = {(ID["Controller_Execute"], "putautomode"): enumerations.AUTO_MODES}
+_PARAMETER_MEANINGS: dict[tuple[int | None, str], Mapping[int, str]] = {
+    (ID["Controller_Execute"], "putautomode"): enumerations.AUTO_MODES
+}
 _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
@@ -104,9 +106,9 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
     """Return the label of a request's argument. `name` is the argument's name, such as `lComp`."""
     value = variant.value
     if type(value) is int:
-        named = _ARGUMENT_MEANINGS.get((function_id or 0, name)) or {}
+        named = _ARGUMENT_MEANINGS.get((function_id, name)) or {}
         if name == "vntParam":
-            named = _PARAMETER_MEANINGS.get((function_id or 0, (command or "").casefold())) or {}
+            named = _PARAMETER_MEANINGS.get((function_id, (command or "").casefold())) or {}
         return _HANDLE_LABELS.get(name) or ValueLabel(text=_meaning(named.get(value)))
     if isinstance(value, str):
         return ValueLabel(text=_string_meaning(function_id, name, value))
@@ -121,7 +123,7 @@ def result_label(function_id: int | None, command: str | None, name: str, varian
     """Return the label of the value in a reply. `function_id` and `command` are those of the request."""
     if type(variant.value) is not int:
         return NO_LABEL
-    found = enumerations.result_meanings(function_id or 0, command or "", variant.value)
+    found = enumerations.result_meanings(function_id, command or "", variant.value)
     text = _all_of("field.meanings", [table_message(each) for each in found])
     return _HANDLE_LABELS.get(name) or ValueLabel(text=text)
 
@@ -153,17 +155,15 @@ def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
     return found
 
 
-def _first_elements(variant: Variant) -> tuple[Variant, ...]:
-    """Return the first four elements of a VARIANT array; () if the value is not a VARIANT array."""
-    value = variant.value
-    if variant.vt != ARRAY | VT.VARIANT or not isinstance(value, tuple):
-        return ()
-    return tuple(item for item in value[:4] if isinstance(item, Variant))
+def _elements(variant: Variant) -> tuple[Variant, ...]:
+    """Return the elements of a VARIANT array; () if the value is not a VARIANT array."""
+    items = variant.value if isinstance(variant.value, tuple) else ()
+    return tuple(item for item in items if isinstance(item, Variant))
 
 
 def _pose_label(variant: Variant) -> ValueLabel:
     """Name the elements of a pose that is a VARIANT array: numbers, pose type, pass motion and extra axes."""
-    items = _first_elements(variant)
+    items = _elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL
     type_, motion = _integer_at(items, 1), _integer_at(items, 2)
@@ -191,7 +191,7 @@ def _text_at(items: tuple[Variant, ...], index: int) -> str:
 
 
 def _approach_label(variant: Variant) -> ValueLabel:
-    items = _first_elements(variant)
+    items = _elements(variant)
     if len(items) < 3:
         return NO_LABEL
     number = _integer_at(items, 0)

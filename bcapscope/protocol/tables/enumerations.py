@@ -36,7 +36,7 @@ def sys_state_texts(value: int) -> tuple[str, ...]:
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 
-def result_meanings(function_id: int, command: str, value: int) -> tuple[str, ...]:
+def result_meanings(function_id: int | None, command: str, value: int) -> tuple[str, ...]:
     """Return the meanings of a number that a command returned; () if the number has no special meaning."""
     key = function_id, command.casefold()
     if key == (_CONTROLLER_EXECUTE, "sysstate"):
@@ -62,7 +62,7 @@ def provider_meaning(name: str) -> str | None:
 
 
 _CONTROLLER_EXECUTE, _TASK_EXECUTE = 17, 87
-_RESULT_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = {
+_RESULT_MEANINGS: Mapping[tuple[int | None, str], Mapping[int, str]] = {
     (_TASK_EXECUTE, "getstatus"): TASK_STATES,
     (_CONTROLLER_EXECUTE, "getautomode"): AUTO_MODES,
 }

@@ -101,6 +101,41 @@ def test_a_promise_says_how_much_there_is() -> None:
     assert str(problem.reason) == "4 elements of VT_R8 declared, but there are bytes for 1"
     (problem,) = read(bytes.fromhex("06000000 0300 01000000")).problems
     assert str(problem.reason) == "1 element of VT_I4 declared, but there are bytes for 0"
+    (problem,) = read(b"??" + bytes.fromhex("0A000000 1120 05000000 616263"), pos=2).problems
+    assert str(problem.reason) == "5 elements of VT_UI1 declared, but there are bytes for 3"
+    (problem,) = read(b"??" + bytes.fromhex("0E000000 0800 01000000 08000000 6100"), pos=2).problems
+    assert str(problem.reason) == "a string of 8 bytes declared, but there are 2"
+
+
+def test_a_wrong_length_says_what_the_value_takes() -> None:
+    (problem,) = read(b"??" + bytes.fromhex("09000000 0300 01000000 07000000"), pos=2).problems
+    assert str(problem.reason) == "argument length is 9, but type and value take 10"
+
+
+def test_an_unknown_type_is_named() -> None:
+    (problem,) = read(bytes.fromhex("08000000 0920 01000000 6162")).problems
+    assert str(problem.reason) == "VT_0x0009|VT_ARRAY is not a type that b-CAP carries"
+
+
+UNKNOWN = "0900 01000000"
+
+
+@pytest.mark.parametrize(
+    ("raw", "problems"),
+    [
+        (f"06000000 {UNKNOWN}", [(4, "type"), (10, "argc")]),
+        (f"05000000 {UNKNOWN} 06000000 {UNKNOWN}", [(4, "type")]),
+        (f"07000000 {UNKNOWN}", [(4, "type")]),
+        (
+            f"08000000 0700 02000000 {'00' * 8} 06000000 {UNKNOWN}",
+            [(6, "count"), (0, "argument-length"), (22, "type")],
+        ),
+    ],
+)
+def test_an_unknown_type_is_passed_over_if_its_length_can_be_right(
+    raw: str, problems: list[tuple[int, str]]
+) -> None:
+    assert [(each.offset, each.code) for each in read(bytes.fromhex(raw), argc=2).problems] == problems
 
 
 def test_nesting_is_followed_to_its_bound() -> None:

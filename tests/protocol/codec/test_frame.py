@@ -261,6 +261,13 @@ def test_refuses_values_that_do_not_fit() -> None:
         encode_frame(1, 0, 64, [Variant(VT.EMPTY, None)] * 65_536)
 
 
+def test_a_frame_may_have_16_mib() -> None:
+    largest = Variant.array(VT.UI1, bytes(16 * 1024 * 1024 - 26))
+    assert len(encode_frame(1, 0, 64, [largest])) == 16_777_216
+    with pytest.raises(TooLargeError):
+        encode_frame(1, 0, 64, [Variant.array(VT.UI1, bytes(16 * 1024 * 1024 - 25))])
+
+
 def test_refuses_a_frame_that_is_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frames_module, "LARGEST_FRAME", 100)
     largest = Variant.array(VT.UI1, bytes(74))

@@ -199,6 +199,33 @@ def test_looks_zlib_takes_short_bytes() -> None:
     assert [end for end in range(len(raw) + 1) if is_compressed(raw[:end])] == [len(raw)]
 
 
+def test_a_header_alone_has_neither_eot_nor_arguments() -> None:
+    for size in (15, 16):
+        raw = b"\x01" + size.to_bytes(4, "little") + bytes(8) + b"\x00\x04"
+        assert marks(FrameContent(raw)) == ([(1, "length")] if size == 16 else []) + [
+            (15, "argc"),
+            (15, "eot"),
+        ]
+
+
+def test_a_compressed_frame_has_room_for_its_bytes() -> None:
+    content = FrameContent(_header(0x9C78) + b"\x01\x04")
+    assert (content.framing, marks(content)) == (Framing.PLAIN, [(1, "length"), (15, "argc")])
+
+
+def test_no_more_than_256_kib_are_unpacked() -> None:
+    for size in (262_144, 262_145):
+        inner = INNER[:6] + bytes.fromhex("00000100 1120 FAFF0000") + bytes(size - 16)
+        problems = [code for _, code in marks(FrameContent(packed(zlib.compress(inner), size)))]
+        assert ("unpacked" in problems) is (size > 262_144)
+
+
+def test_the_last_byte_of_a_frame_is_its_eot_if_its_length_says_so() -> None:
+    for top, problems in ((0, [(15, "eot")]), (1, [(1, "length"), (15, "left-over"), (15, "eot")])):
+        raw = b"\x01" + bytes([16, 0, 0, top]) + bytes(11)
+        assert marks(FrameContent(raw)) == problems
+
+
 @given(st.binary(min_size=15, max_size=200))
 def test_any_bytes_that_hold_a_header_are_taken_apart(raw: bytes) -> None:
     content = FrameContent(raw)

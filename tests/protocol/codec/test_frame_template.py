@@ -13,6 +13,7 @@ from bcapscope.protocol.codec import frame_template
 from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
 from bcapscope.protocol.codec.frame_content import FrameContent
 from bcapscope.protocol.codec.frame_template import (
+    FrameTemplate,
     FrameTemplates,
     number_count,
     number_counts,
@@ -86,6 +87,41 @@ def test_a_handle_before_other_arguments_belongs_to_the_form() -> None:
     assert one[0] is not two[0]
     assert one[1] == two[1] == (5,)
     assert numbers_of_arguments(Frame(made[0], None, templates).arguments) == (5,)
+
+
+def test_numbers_between_texts_are_put_in_their_places() -> None:
+    parts = (
+        Variant.array(VT.R8, (1.0, 2.0)),
+        Variant(VT.BSTR, "@P"),
+        Variant(VT.BOOL, True),
+        Variant.array(VT.VARIANT, (Variant(VT.BSTR, "x"), Variant(VT.I4, 7))),
+        Variant.array(VT.UI1, b"\x01\x02"),
+    )
+    raw = encode_frame(1, 0, 64, [Variant(VT.I4, 1), Variant.array(VT.VARIANT, parts)])
+    templates = FrameTemplates()
+    assert Frame(raw, None, templates).problems == ()
+    other = renumbered(raw)[:15] + raw[15:29] + renumbered(raw)[29:]
+    assert learnt(templates, other)
+    assert repr(Frame(other, None, templates).arguments) == repr(FrameContent(other).arguments)
+
+
+def test_a_template_is_learnt_from_a_plain_frame_without_problems() -> None:
+    for pair in FRAMES:
+        template = FrameTemplate.learn(FrameContent(pair.data))
+        assert (template is not None) is (pair.framing is Framing.PLAIN)
+        if template is not None:
+            assert template.fixed_parts(pair.data) == template.expected_parts
+    for sample in DAMAGED:
+        assert FrameTemplate.learn(FrameContent(sample.data)) is None
+
+
+def test_the_last_two_frames_without_a_template_are_not_decoded_again() -> None:
+    templates = FrameTemplates()
+    first, second, third = (sample.data for sample in DAMAGED[:3])
+    one, two, three = (templates.decode(raw) for raw in (first, second, third))
+    assert templates.decode(third) is three
+    assert templates.decode(second) is two
+    assert templates.decode(first) is not one
 
 
 def test_damaged_frames_teach_nothing() -> None:

@@ -60,6 +60,7 @@ def _nested(depth: int) -> Variant:
 
 def test_nests_as_deep_as_is_read() -> None:
     assert len(encode_variant(_nested(MAX_NESTING))) == 6 * MAX_NESTING
+    assert len(encode_argument(_nested(MAX_NESTING))) == 6 * MAX_NESTING + 4
 
 
 @pytest.mark.parametrize(
@@ -107,8 +108,9 @@ def test_refuses_what_cannot_be_expressed(variant: Variant) -> None:
 
 @pytest.mark.parametrize("depth", [MAX_NESTING + 1, 2000])
 def test_refuses_to_nest_deeper_than_is_read(depth: int) -> None:
-    with pytest.raises(LocalProtocolError, match="nested more than 32 deep"):
-        encode_argument(_nested(depth))
+    for encode in (encode_argument, encode_variant):
+        with pytest.raises(LocalProtocolError, match="nested more than 32 deep"):
+            encode(_nested(depth))
 
 
 def test_a_refusal_is_short_however_large_the_value() -> None:
@@ -166,6 +168,8 @@ def test_types_have_names(vt: int, name: str) -> None:
         (Variant(VT.R8, float("inf")), None),
         (Variant(VT.BOOL, False), None),
         (Variant(VT.BSTR, ""), None),
+        (Variant(VT.BSTR, "123456789"), 123_456_789),
+        (Variant(VT.BSTR, "1234567890"), None),
         (Variant(VT.BSTR, "９" * 4), None),
         (Variant(VT.BSTR, "9" * 5000), None),
         (EMPTY, None),

@@ -182,6 +182,7 @@ def test_compressed_frame_has_two_sets_of_fields() -> None:
         ("EOT", size - 1, size),
     ]
     assert envelope_fields(frame)[4].value == len(frame.body) - 10
+    assert envelope_fields(frame)[5].value == frame.raw[13:-2]
     assert envelope_fields(request()) == ()
 
 
@@ -191,6 +192,13 @@ def test_problems_of_the_compression_are_in_the_envelope() -> None:
     frame = Frame(bytes(raw))
     assert [each.problems for each in envelope_fields(frame) if each.problems] == [frame.problems]
     assert problems(frame_fields(frame, is_request=True)) == []
+
+
+def test_a_wrong_length_of_a_compressed_frame_is_in_the_envelope_too() -> None:
+    raw = bytearray(encode_frame(1, 1, 64, SLV_MOVE, Framing.VERSION_1_ZLIB))
+    raw[1] += 1
+    frame = Frame(bytes(raw))
+    assert [each.name for each in envelope_fields(frame) if each.problems] == ["length"]
 
 
 @pytest.mark.parametrize(
@@ -214,6 +222,26 @@ def test_damaged_eot_is_a_field_of_one_byte() -> None:
     assert [problem.code for problem in last.problems] == ["eot"]
 
 
+@pytest.mark.parametrize(
+    ("length", "last"), [((16).to_bytes(4, "little"), 15), (b"\x10\x01\0\0", 16), (b"\x10\0\0\x01", 16)]
+)
+def test_a_last_byte_is_the_eot_if_the_whole_length_says_so(length: bytes, last: int) -> None:
+    field = frame_fields(Frame(b"\x01" + length + bytes(11)), is_request=True)[-1]
+    assert (field.name, field.start, field.stop) == ("EOT", last, 16)
+
+
+def test_a_header_alone_has_no_eot() -> None:
+    field = frame_fields(Frame(b"\x01" + (15).to_bytes(4, "little") + bytes(9) + b"\x04"), is_request=True)[
+        -1
+    ]
+    assert (field.name, field.start, field.stop) == ("EOT", 15, 15)
+
+
+def test_bytes_behind_the_arguments_are_left_over() -> None:
+    field = frame_fields(Frame(encode_frame(5, 0, 64)[:-1] + b"\x09\x08\x04"), is_request=True)[-2]
+    assert (field.name, field.value) == ("left over", b"\x09\x08")
+
+
 def array_of_many_with_two() -> bytes:
     argument = struct.pack("<IHIdd", 22, ARRAY | VT.R8, 1000, 1.0, 2.0)
     return struct.pack("<BIHHIH", 1, 16 + 2 * len(argument), 5, 0, 200, 2) + 2 * argument + b"\x04"
@@ -225,6 +253,7 @@ def test_value_that_breaks_off_where_its_argument_ends() -> None:
         assert [problem.code for problem in argument.problems] == ["data"]
         last = argument.children[-1]
         assert (last.name, last.start, last.stop) == (UNREAD, argument.stop, argument.stop)
+        assert last.value is None
         assert last.problems == argument.problems
     assert found[8].name == "EOT"
     assert not found[8].problems
@@ -235,6 +264,7 @@ def test_bytes_behind_a_broken_value_are_unread() -> None:
     raw = struct.pack("<BIHHIH", 1, 16 + len(body), 5, 0, 200, 1) + body + b"\x04"
     argument = frame_fields(Frame(raw), is_request=True)[6]
     assert names(argument.children[-2:]) == [("data", 25, 33), (UNREAD, 33, 39)]
+    assert argument.children[-1].value == bytes(6)
 
 
 @pytest.mark.parametrize(("offset", "name"), [(10, "function id"), (16, "EOT"), (99, "EOT")])

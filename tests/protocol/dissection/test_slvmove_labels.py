@@ -108,3 +108,9 @@ def test_any_value_can_be_asked_for_its_parts(variant: Variant, is_request: bool
     if found.elements:
         assert isinstance(variant.value, tuple)
         assert len(found.elements) <= len(variant.value)
+
+
+def test_a_pose_in_a_list_of_its_own_is_an_element() -> None:
+    (pose,) = slvmove_label(listed(row(8)), is_request=True).elements
+    assert (pose.name, named(pose)) == ("pose", JOINTS)
+    assert slvmove_label(listed(row(8), Variant(VT.BSTR, "?")), is_request=True) is NO_LABEL

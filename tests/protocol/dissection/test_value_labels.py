@@ -93,6 +93,33 @@ def test_the_parts_of_an_approach() -> None:
     assert parts_of(pose)[1:] == [("pose type", "J"), ("pass", "@10")]
 
 
+@pytest.mark.parametrize(
+    ("code", "command", "name", "elements"),
+    [
+        (64, "approach", "vntParam", 3),
+        (64, "APPROACH", "vntParam", 4),
+        (64, "Approach", "vntParam", 2),
+        (64, "Depart", "vntParam", 3),
+        (17, "Approach", "vntParam", 3),
+        (64, "Approach", "arg3", 3),
+    ],
+)
+def test_only_approach_of_a_robot_takes_an_interpolation_a_pose_and_a_distance(
+    code: int, command: str, name: str, elements: int
+) -> None:
+    given = mixed(*[ONE, mixed(JOINTS, ONE), Variant(VT.R4, 20.0), ONE][:elements])
+    label = argument_label(code, command, name, given)
+    is_approach = code == 64 and command.lower() == "approach" and name == "vntParam" and elements > 2
+    assert [each.name for each in label.elements] == (
+        ["interpolation", "pose", "distance"] if is_approach else []
+    )
+
+
+def test_a_pose_has_a_label_for_each_of_four_elements() -> None:
+    pose = argument_label(72, None, "vntPose", mixed(JOINTS, ONE, ONE, JOINTS))
+    assert [each.name for each in pose.elements] == ["numbers", "pose type", "pass", "extra axes"]
+
+
 @given(variants())
 def test_nothing_is_said_of_what_nobody_knows(variant: Variant) -> None:
     assert not argument_label(None, None, "arg1", variant).text
