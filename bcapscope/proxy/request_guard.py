@@ -18,7 +18,7 @@ from bcapscope.protocol.codec.frame import (
     Framing,
     parse_datagram,
 )
-from bcapscope.protocol.codec.frame_content import has_compressed_header, has_zlib_header
+from bcapscope.protocol.codec.frame_content import has_zlib_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.guard import always_passes, passes_read_only
 from bcapscope.protocol.tables.command_catalogue import COMMAND_FUNCTIONS, commands_of
@@ -175,14 +175,14 @@ def _reads_one_way(frame: Frame) -> bool:
     if not has_zlib_header(raw):
         return True
     argc = int.from_bytes(raw[13:HEADER_SIZE], "little")
-    is_packed = has_compressed_header(raw) and frame.framing is Framing.VERSION_1_ZLIB
+    is_packed = frame.framing is Framing.VERSION_1_ZLIB
     return is_packed and HEADER_SIZE + argc * SMALLEST_ARGUMENT > len(raw)
 
 
 def _hides_frame(raw: bytes) -> bool:
     """Return whether a controller may find another frame, or the start of one, inside these bytes."""
     place = raw.find(SOH, 1)
-    while place > 0:
+    while place != -1:
         length = int.from_bytes(raw[place + 1 : place + 5], "little")
         stop = place + length
         if SMALLEST_FRAME <= length < LARGEST_FRAME and (stop > len(raw) or raw[stop - 1] == EOT):

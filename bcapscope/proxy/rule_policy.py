@@ -4,6 +4,7 @@ the bytes that the controller receives. The policy splits a stream into frames o
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from msgspec.structs import replace
@@ -76,7 +77,7 @@ class RulePolicy:
         self._replies = ReplyFactory()
         self.refused_requests = 0
         self._outbox: list[PolicyAction] = []
-        self._messages = 0
+        self._message_numbers = itertools.count(1)
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
 
@@ -253,8 +254,7 @@ class RulePolicy:
 
     def _process(self, state: DirectionState, data: bytes, now: int, work: PolicyDecision) -> None:
         if self._inspects_frames:
-            self._messages += 1
-            message = self._message(self._messages, state.flow, data, now)
+            message = self._message(next(self._message_numbers), state.flow, data, now)
             self._replies.on_message(state.flow, data)
             passing = self._show_to_scripts(state, message, work)
             if passing is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import struct
 import zlib
 
@@ -93,6 +94,13 @@ def test_lists_block_and_allow() -> None:
     assert guard.refusal_reason(asked(EXECUTE, "TakeArm")) is None
     assert guard.refusal_reason(asked(NAMES["Robot_Move"])) is None
     assert guard.refusal_reason(asked(NAMES["Robot_Drive"]))
+
+
+def test_only_the_allowed_command_is_allowed() -> None:
+    guard = RequestGuard(True, allow=[read_target("slvMove"), read_target("Robot_Execute:MyOwn")])
+    for command, is_allowed in (("SlvMove", True), ("myown", True), ("TakeArm", False)):
+        assert (guard.refusal_reason(asked(EXECUTE, command)) is None) is is_allowed
+    assert guard.refusal_reason(asked(NAMES["Robot_Move"]))
 
 
 def test_nobody_blocks_what_stops_the_robot() -> None:
@@ -192,6 +200,64 @@ def test_a_frame_that_begins_in_the_length_field_is_found(end: bytes, passes: bo
     raw = struct.pack("<BIHHIH", 1, 4097, 0x200, 0, NAMES["Robot_Halt"], 0)
     raw += b"\x00" + end + bytes(4097 - 18) + b"\x04"
     assert READ_ONLY.filter_frames(raw)[0] == (raw if passes else b"")
+
+
+def test_a_frame_behind_a_byte_that_could_begin_another_is_found() -> None:
+    # The first 01 begins no frame, because the frame that it would begin does not end with EOT.
+    hidden = b"\x01\x01\x10\x00\x00\x00" + bytes(10) + b"\x04"
+    for inside in (hidden, hidden[:-1] + b"\x00"):
+        raw = resized(HALT[:-1] + inside + bytes(5000) + b"\x04")
+        assert (READ_ONLY.filter_frames(raw).passing == b"") is (inside is hidden)
+
+
+def test_bytes_that_are_no_frame_are_dropped_and_counted() -> None:
+    assert READ_ONLY.filter_frames(b"\x00\x02" + READ) == (b"", (), 2 + len(READ))
+    assert READ_ONLY.filter_frames(READ + b"\x00\x02\x03") == (READ, (), 3)
+
+
+def test_a_block_list_lets_small_errors_pass_in_what_it_does_not_name() -> None:
+    raw = encode_frame(5, 0, NAMES["Variable_PutValue"], (Variant(VT.I4, 2), Variant(VT.I4, 7)))
+    wrong_length = Frame(raw[:15] + b"\x0b" + raw[16:])
+    assert wrong_length.problems
+    assert NO_POINTS.refusal_reason(wrong_length) is None
+    assert english(NO_POINTS.refusal_reason(Frame(READ[:-1]))) == (
+        "a damaged Variable_GetValue, which a controller may read as a blocked call"
+    )
+
+
+def test_only_a_halt_may_have_errors_and_pass() -> None:
+    off = asked(EXECUTE, "slvChangeMode", ZERO).raw
+    left_over = resized(off[:-1] + bytes(3) + b"\x04")
+    for guard in (READ_ONLY, NO_POINTS):
+        assert guard.refusal_reason(Frame(off)) is None
+        assert guard.refusal_reason(Frame(left_over)) is not None
+
+
+def packed(function_id: int, *values: Variant) -> bytes:
+    return encode_frame(5, 1, function_id, values, Framing.VERSION_1_ZLIB)
+
+
+def test_a_compressed_halt_with_errors_is_refused() -> None:
+    raw = bytearray(packed(NAMES["Robot_Halt"], Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    raw[9] += 1  # the unpacked size
+    frame = Frame(bytes(raw))
+    assert frame.framing is Framing.VERSION_1_ZLIB
+    assert READ_ONLY.refusal_reason(frame)
+
+
+def test_compressed_bytes_that_cannot_be_unpacked_are_refused() -> None:
+    raw = bytearray(packed(EXECUTE, Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove")))
+    raw[20] ^= 0xFF
+    frame = Frame(bytes(raw))
+    assert frame.framing is Framing.PLAIN
+    assert NO_POINTS.refusal_reason(frame)
+
+
+def test_a_compressed_frame_with_much_data_passes() -> None:
+    noise = random.Random(1).randbytes(5000)
+    raw = packed(NAMES["Variable_PutValue"], Variant(VT.I4, 1), Variant.array(VT.UI1, noise))
+    assert len(raw) > 5000
+    assert NO_POINTS.filter_frames(raw) == (raw, (), 0)
 
 
 def test_a_command_by_lengths_is_no_way_around_a_halt_or_a_change_of_mode() -> None:

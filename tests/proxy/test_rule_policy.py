@@ -278,6 +278,48 @@ def test_what_was_kept_for_a_fault_goes_on_when_it_is_switched_off() -> None:
     assert play(made, [request(1)[30:]]) == [request(1)[30:]]
 
 
+@pytest.mark.parametrize("needed_by", ["guard", "fault", "intercept"])
+def test_what_a_rule_must_still_see_whole_is_kept_when_others_change(needed_by: str) -> None:
+    made = rules(
+        *(["drop if serial == 9"] if needed_by == "fault" else []),
+        transport=Transport.TCP,
+        guard=RequestGuard(read_only=True) if needed_by == "guard" else None,
+        intercept=holding("serial == 9") if needed_by == "intercept" else None,
+    )
+    assert play(made, [request(1)[:30]]) == [b""]
+    made.on_rules_changed(0)
+    assert made.due() is None
+
+
+def test_a_stream_keeps_its_order_when_the_time_of_a_fault_is_over() -> None:
+    made = rules("drop for 5ms if serial == 9", transport=Transport.TCP)
+    assert play(made, [request(1)[:30]]) == [b""]
+    assert sent(made.receive(1, UP, request(1)[30:], 10 * MS).actions) == request(1)
+
+
+@pytest.mark.parametrize("faults", [(), ("partition after 3600s",)])
+def test_a_stream_that_has_begun_is_found_again_behind_bytes_that_look_like_a_frame(
+    faults: tuple[str, ...],
+) -> None:
+    misleading = encode_frame(1, 0, 64, (Variant.array(VT.UI1, b"\x01\xff\xff\x0f\0" + bytes(20)),))
+    cut = misleading.index(b"\x01\xff\xff")
+    made = rules(*faults, transport=Transport.TCP)
+    assert play(made, [misleading[:cut]]) == [misleading[:cut]]
+    made.shaper.add(read_fault("drop if serial == 2"), 0)
+    made.on_rules_changed(0)
+    assert play(made, [misleading[cut:] + request(2) + request(3)]) == [misleading[cut:] + request(3)]
+
+
+def test_a_client_that_comes_again_is_not_half_open() -> None:
+    made = rules("half-open times 1", transport=Transport.TCP)
+    conversation = talk(Transport.TCP).up.conversation
+    assert play(made, [request(1), request(2)]) == [b"", b""]
+    assert made.hides_end(1)
+    made.remove_client(1, 0)
+    made.add_client(1, conversation, 0)
+    assert play(made, [request(3)]) == [request(3)]
+
+
 def test_changing_rules_makes_up_no_datagrams() -> None:
     made = rules("loss=0%")
     made.receive(1, UP, request(1), 0)
@@ -332,6 +374,11 @@ def test_bytes_that_are_no_frame_do_not_pass_a_guard(guard: RequestGuard, transp
     assert sent(back, DOWN) == b"garbage"
 
 
+def test_it_is_said_that_a_guard_dropped_bytes() -> None:
+    made = rules(guard=RequestGuard(read_only=True))
+    assert english(made.receive(1, UP, b"garbage", 0).note) == "guard: dropped bytes that are not a frame"
+
+
 def test_the_guard_sees_frames_in_a_stream_and_leaves_replies_alone() -> None:
     made = rules(guard=RequestGuard(read_only=True), transport=Transport.TCP)
     assert play(made, [request(1)[:20], request(1)[20:] + HALT]) == [b"", HALT]
@@ -375,6 +422,41 @@ def test_a_message_is_held_and_sent_on() -> None:
     assert not made.holds(1, UP)
     with pytest.raises(KeyError):
         made.forward_held(1, 0)
+
+
+def test_a_client_waits_for_its_own_held_messages_only() -> None:
+    made = rules(intercept=holding("command == slvMove"), clients=2)
+    made.receive(1, UP, request(1), 0)
+    made.forward_held(1, MS)
+    assert (made.holds(1, UP), made.holds(2, UP)) == (True, False)
+    made.pop_due_actions(MS)
+    assert not made.holds(1, UP)
+
+
+@pytest.mark.parametrize(
+    ("fault", "note"),
+    [
+        ("close", "close: connection reset"),
+        ("rewrite serial 7", "rewrite: rewritten"),
+        ("loss=0%", "intercept: sent after 0.0 s"),
+    ],
+)
+def test_what_a_fault_does_to_a_held_message_is_said(fault: str, note: str) -> None:
+    made = rules(fault, transport=Transport.TCP, intercept=holding("command == slvMove"))
+    made.receive(1, UP, request(1), 0)
+    made.forward_held(1, MS)
+    assert not (made.holds(1, UP) and fault == "close")
+    (action,) = made.pop_due_actions(MS)
+    assert english(action.note) == note
+
+
+def test_conditions_see_the_time_of_day() -> None:
+    shaper = FaultInjector(now=0)
+    made = RulePolicy(shaper, intercept=holding('time >= "1970-01-01 00:00:13"'), epoch=10_000 * MS)
+    made.add_client(1, talk().up.conversation, 0)
+    for second in range(5):
+        made.receive(1, UP, request(second), second * 1000 * MS)
+    assert [Frame(held.data).serial for held in made.intercept.held] == [3, 4]
 
 
 def test_a_held_message_is_edited_or_dropped() -> None:
