@@ -61,7 +61,7 @@ class ControlApi:
                 return control.HeldResponse(held=[_held_status(each, now) for each in rules.intercept.held])
             case control.ListClients():
                 upstream = self._upstream
-                clients = [_client_status(*pair, upstream(pair[0].client), now) for pair in rules.clients()]
+                clients = [_client_status(up, down, upstream(up.client), now) for up, down in rules.clients()]
                 return control.ClientsResponse(clients=clients)
             case control.GetStats():
                 return self._stats()
@@ -158,7 +158,7 @@ def _client_status(up: DirectionState, down: DirectionState, upstream: str, now:
         str(conversation.server),
         conversation.transport,
         upstream,
-        round((now - up.connected_at) / 1e9, 3),
+        _seconds(now - up.connected_at),
         up.piece_count,
         _seconds_ago(up.last_piece_at, now),
         down.piece_count,
@@ -167,7 +167,11 @@ def _client_status(up: DirectionState, down: DirectionState, upstream: str, now:
 
 
 def _seconds_ago(then: int, now: int) -> float | None:
-    return round((now - then) / 1e9, 3) if then else None
+    return _seconds(now - then) if then else None
+
+
+def _seconds(nanoseconds: int) -> float:
+    return round(nanoseconds / 1e9, 3)
 
 
 def _held_status(held: HeldMessage, now: int) -> control.HeldStatus:
@@ -182,8 +186,8 @@ def _held_status(held: HeldMessage, now: int) -> control.HeldStatus:
         kind.function_id if kind else None,
         function_name(kind.function_id) if kind else None,
         kind.command if kind else None,
-        round((now - held.since) / 1e9, 3),
-        round((held.until - now) / 1e9, 3),
+        _seconds(now - held.since),
+        _seconds(held.until - now),
         held.data.hex(),
         "" if abandoned is None else str(abandoned),
         held.repeats,

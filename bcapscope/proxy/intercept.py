@@ -225,10 +225,10 @@ class Intercept:
         (frame,), number = message.frames, decided.number
         if decided.data is None:
             return Message("held.sent-as", number=number), message.data
-        items = parse_datagram(decided.data)
-        if len(items) == 1 and isinstance(items[0], Frame):
-            data = with_header(items[0], serial=frame.serial, reserved=frame.reserved)
-            return Message("held.edited-as", number=number), data
+        match parse_datagram(decided.data):
+            case [Frame() as edited]:
+                data = with_header(edited, serial=frame.serial, reserved=frame.reserved)
+                return Message("held.edited-as", number=number), data
         return Message("held.dropped-as", number=number), None
 
     def _should_hold(self, message: WireMessage) -> bool:

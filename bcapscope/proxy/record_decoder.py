@@ -212,7 +212,8 @@ class RecordDecoder:
         _, up, _, received_at, sent_at, *_ = record
         if received_at:  # `received_at` is 0 if the proxy itself ended the connection
             is_reset = record.kind is RingRecordKind.RESET
-            client.conversation.record_end(client.streams[up][0].flow.direction, is_reset, received_at)
+            direction = Direction.REQUEST if up else Direction.RESPONSE
+            client.conversation.record_end(direction, is_reset, received_at)
         for stream in client.streams[up]:
             if time := received_at if up is stream.is_near else sent_at:
                 yield from self._flush(stream, time)
@@ -227,7 +228,7 @@ class RecordDecoder:
             place = bisect_right(stream.arrival_times, start, key=_offset) - 1
             start_time = stream.arrival_times[place][1]
             yield self._observation(stream, time, start_time, item, note), note
-            del stream.arrival_times[: max(bisect_right(stream.arrival_times, stop, key=_offset) - 1, 0)]
+            del stream.arrival_times[: bisect_right(stream.arrival_times, stop, key=_offset) - 1]
 
     def _observation(
         self,

@@ -17,7 +17,8 @@ from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_messages import ProxyStats, RelayDelays
 from bcapscope.proxy.policy import SendAction
 from bcapscope.proxy.ring_buffer import DELAY_FIGURES, RelayCounter
-from tests.faults.traffic import MS, request
+from bcapscope.traffic.observation import Transport
+from tests.faults.traffic import MS, request, talk
 from tests.proxy.test_rule_policy import DOWN, UP, holding, rules, sent
 
 
@@ -101,6 +102,21 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
     assert len(actions) == 3
     assert ask(api, do="intercept") == {"ok": True}
     assert sent(made.receive(1, UP, request(5), 0).actions) == request(5)
+
+
+@pytest.mark.parametrize("change", [{"do": "off", "name": "drop"}, {"do": "remove", "name": "drop"}])
+def test_bytes_that_a_fault_kept_go_on_when_it_is_switched_off(change: dict[str, str]) -> None:
+    made = rules("drop if serial == 9", transport=Transport.TCP)
+    made.receive(1, UP, request(1)[:30], 0)
+    assert ask(ControlApi(made), **change)["ok"]
+    assert sent(made.pop_due_actions(0)) == request(1)[:30]
+
+
+def test_bytes_that_the_intercept_kept_go_on_when_it_is_switched_off() -> None:
+    made = rules(transport=Transport.TCP, intercept=holding("serial == 9"))
+    made.receive(1, UP, request(1)[:30], 0)
+    assert ask(ControlApi(made), do="intercept")["ok"]
+    assert sent(made.pop_due_actions(0)) == request(1)[:30]
 
 
 def test_messages_are_held_for_no_time_if_so_wished() -> None:
@@ -225,9 +241,10 @@ def test_half_a_character_in_what_is_held_is_told_as_well_as_can_be() -> None:
 
 
 def test_who_is_there_is_told() -> None:
-    made = rules()
+    made = rules(clients=0)
+    made.add_client(1, talk().up.conversation, 301_234_000)
     api = ControlApi(made, upstream={1: "open"}.__getitem__)
-    made.receive(1, UP, request(1), 500 * MS)
+    made.receive(1, UP, request(1), 501_234_000)
     (client,) = ask(api, 2000 * MS, do="clients")["clients"]
     assert client == {
         "number": 1,
@@ -235,9 +252,9 @@ def test_who_is_there_is_told() -> None:
         "server": "10.0.0.1:5007",
         "transport": "udp",
         "upstream": "open",
-        "since_s": 2.0,
+        "since_s": 1.699,
         "up": 1,
-        "heard_s": 1.5,
+        "heard_s": 1.499,
         "down": 0,
         "answered_s": None,
     }

@@ -146,6 +146,53 @@ def test_a_decision_is_forgotten_when_no_retry_can_come() -> None:
     assert intercept.is_idle
 
 
+def test_a_decision_lasts_while_retries_come() -> None:
+    intercept = Intercept(FrameCondition.read("serial == 5"))
+    consider(intercept, request(5))
+    intercept.release(1, 0, b"")
+    for serial in (6, 7, 8):
+        result = consider(intercept, request(serial, reserved=5), now=(serial - 5) * RETRY_WITHIN_NS)
+        assert result is not None
+        assert result[1] is None
+
+
+def test_the_same_request_after_a_decision_is_a_new_call() -> None:
+    intercept = Intercept(FrameCondition.read("serial == 5"))
+    consider(intercept, request(5))
+    intercept.release(1, 0, b"")
+    assert with_english(consider(intercept, request(5))) == ("intercept: held as 2", None)
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_a_client_that_comes_again_makes_new_calls(is_closed: bool) -> None:
+    intercept = Intercept(FrameCondition.read("command == slvMove"))
+    consider(intercept, request(5))
+    intercept.release(1, 0, b"")
+    if is_closed:
+        intercept.close_conversation(FLOWS.up.conversation)
+    consider(intercept, request(6, reserved=5))
+    assert len(intercept.held) == is_closed
+
+
+def test_no_more_than_16_mib_are_held() -> None:
+    intercept = Intercept(FrameCondition.read("true"))
+    flow = talk(Transport.TCP).up
+    for serial in range(4):
+        assert not intercept.is_full
+        raw = encode_frame(serial, 0, 200, (Variant.array(VT.UI1, bytes((4 << 20) - 26)),))
+        assert len(raw) == 4 << 20
+        intercept.hold_or_pass(1, message(flow, raw))
+    assert intercept.is_full
+    note = "intercept: not held, because 4 messages are held already"
+    assert with_english(intercept.hold_or_pass(1, message(flow, request(9)))) == (note, request(9))
+
+
+def test_a_message_is_held_for_a_minute_unless_told_otherwise() -> None:
+    intercept = Intercept(FrameCondition.read("true"))
+    consider(intercept, request(1), now=7)
+    assert intercept.due() == 60_000_000_007
+
+
 @pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
 def test_a_datagram_is_given_up_when_its_client_asks_no_more(tries: list[tuple[int, int]]) -> None:
     intercept = Intercept(FrameCondition.read("serial == 5"))

@@ -75,6 +75,63 @@ def test_the_controllers_side_is_decoded_once_the_proxy_disturbs_a_message(distu
     assert joined == [("10.0.0.2:50001", "10.0.0.3:50002")]
 
 
+def test_both_sides_of_a_disturbed_conversation_are_told_from_its_sender_on() -> None:
+    decoder = RecordDecoder(lambda near, far: None)
+    records = [
+        opened("udp", 1),
+        opened("udp", 2),
+        data(True, 1, 2, REQUEST),
+        data(True, 10, 11, REQUEST, "late"),
+        data(False, 20, 21, REPLY, "late"),
+        data(True, 30, 0, REQUEST, "lost"),
+        data(False, 0, 41, REPLY, "made up"),
+        data(True, 50, 51, REQUEST, client=9),
+        data(True, 60, 61, REQUEST, client=2),
+    ]
+    found = [
+        (each.number, each.time, each.packet, type(each) is Observation)
+        for each, _ in decoder.decode(records, range(101, 110))
+    ]
+    assert found == [
+        (1, 1, 103, True),
+        (2, 10, 104, False),
+        (0, 11, 0, False),
+        (0, 20, 0, False),
+        (3, 21, 105, False),
+        (4, 30, 106, False),
+        (5, 41, 107, False),
+        (6, 60, 109, True),
+    ]
+
+
+def test_pieces_of_several_streams_are_read_together() -> None:
+    records = [
+        opened("tcp", 1),
+        opened("tcp", 2),
+        data(True, 10, 11, REQUEST[:5]),
+        data(True, 12, 13, REQUEST[:6], client=2),
+        RingRecord(RingRecordKind.HOLE, False, 2, 14, 15, struct.pack("=QQ", 5, 5), b""),
+        data(True, 16, 17, REQUEST[5:]),
+        data(True, 18, 19, REQUEST[6:], client=2),
+    ]
+    found = [each for each, _ in seen(*records) if not isinstance(each.item, Malformed)]
+    assert [(each.first_byte_time, each.time) for each in found] == [(10, 16), (12, 18)]
+
+
+def test_a_frame_behind_a_hole_has_the_time_of_its_first_byte() -> None:
+    hole = struct.pack("=QQ", 500, 500)
+    found = seen(
+        opened("tcp"),
+        data(True, 10, 11, REQUEST + REQUEST[:4]),
+        RingRecord(RingRecordKind.HOLE, True, 1, 20, 21, hole, b""),
+        data(True, 30, 31, REQUEST[:4]),
+        data(True, 40, 41, REQUEST[4:] + REQUEST[:4]),
+        data(True, 50, 51, REQUEST[4:]),
+    )
+    frames = [each for each, _ in found if not isinstance(each.item, Malformed)]
+    assert [(each.first_byte_time, each.time) for each in frames] == [(10, 10), (30, 40), (40, 50)]
+
+
 def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
     found = seen(
         opened("tcp"),
