@@ -28,10 +28,12 @@ def message_to_data(message: Message) -> dict[str, Json]:
 
 
 def message_from_data(data: Mapping[str, Json]) -> Message:
-    """Raises KeyError or TypeError if the data is not an encoded message."""
+    """Raises KeyError, TypeError or AttributeError if the data is not an encoded message."""
     given = cast("Mapping[str, Json]", data.get("places", {}))
     values = {name: cast("PlaceValue", _from_data(value)) for name, value in given.items()}
-    id, english = cast("str", data["id"]), cast("str | None", data.get("english"))
+    id, english = data["id"], data.get("english")
+    if not isinstance(id, str) or not isinstance(english, str | None):
+        raise TypeError("not an encoded message")
     return Message(id, **values) if english is None else Message.from_table(id, english, **values)
 
 

@@ -133,15 +133,15 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> Message:
-        """Reason of the rejection. If `message` is missing or invalid, for example because a program other
-        than the proxy sent the response, the reason is the text of `error`.
+        """Reason of the rejection. If `message` is missing, invalid or unknown, for example because another
+        program or a newer proxy sent the response, the reason is the text of `error`.
         """
         try:
-            if self.message is not None:
-                return message_from_data(self.message)
-        except (LookupError, TypeError, AttributeError):
-            pass
-        return foreign_text(self.error)
+            found = message_from_data(self.message or {})
+            is_known = str(found) != found.id
+        except (LookupError, TypeError, AttributeError, ValueError):
+            is_known = False
+        return found if is_known else foreign_text(self.error)
 
 
 class DoneResponse(msgspec.Struct, frozen=True, kw_only=True):

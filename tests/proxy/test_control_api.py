@@ -108,7 +108,8 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
 def test_bytes_that_a_fault_kept_go_on_when_it_is_switched_off(change: dict[str, str]) -> None:
     made = rules("drop if serial == 9", transport=Transport.TCP)
     made.receive(1, UP, request(1)[:30], 0)
-    assert ask(ControlApi(made), **change)["ok"]
+    line = json.dumps(change).encode()
+    assert json.loads(ControlApi(made).handle_line(line, 0)[0])["ok"]
     assert sent(made.pop_due_actions(0)) == request(1)[:30]
 
 

@@ -26,6 +26,7 @@ from bcapscope.proxy.control_socket import (
     is_tcp_address,
 )
 from bcapscope.proxy.poller import DescriptorWatcher
+from bcapscope.transport.socket_link import close_with_reset
 from tests.proxy.relaying import eventually
 from tests.proxy.test_rule_policy import rules
 
@@ -250,6 +251,39 @@ def test_the_file_of_a_proxy_that_was_killed_is_taken_over(tmp_path: Path) -> No
 )
 def test_an_address_that_will_not_do_is_refused(address: str, reason: str) -> None:
     refused(address, reason)
+
+
+@unix_only
+def test_files_made_later_have_the_modes_of_their_maker(tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        with server(str(tmp_path / "ctl.sock")):
+            (tmp_path / "later").touch()
+        assert stat.S_IMODE((tmp_path / "later").stat().st_mode) == 0o644
+    finally:
+        os.umask(before)
+
+
+def test_a_port_can_be_listened_on_again_at_once(address: str) -> None:
+    with server(address) as made:
+        taken = made.address
+        sock = connect_control(taken)
+        assert ask(sock, b'{"do": "rules"}\n')[0]["ok"]
+    sock.close()
+    with server(taken) as made, connect_control(made.address) as again:
+        assert ask(again, b'{"do": "rules"}\n')[0]["ok"]
+
+
+def test_a_connection_that_was_reset_is_forgotten(address: str) -> None:
+    with server(address) as made:
+        sock = connect_control(made.address)
+        sock.sendall(b'{"do": "rules"}\n' * 3)
+        eventually(lambda: made.connections)
+        if sock.family == socket.AF_INET:
+            close_with_reset(sock)
+        else:
+            sock.close()
+        eventually(lambda: not made.connections)
 
 
 def test_another_file_is_not_taken_away(tmp_path: Path) -> None:
