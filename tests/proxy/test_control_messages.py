@@ -90,7 +90,6 @@ def test_what_is_held_is_read_from_its_status() -> None:
         {"id": 5},
         {"id": None},
         {"id": "there is no such message"},
-        {"id": "control.no-message"},
         {"id": "control.no-message", "places": 5},
         {"id": "control.no-message", "places": {"number": {"type": "?"}}},
         {"id": "control.no-message", "english": 5},
