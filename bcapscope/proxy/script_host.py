@@ -78,10 +78,9 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
     if traces is not None:
         faulthandler.enable(traces, all_threads=False)
         faulthandler.register(signal.SIGUSR1, traces, all_threads=False)
-    # Flush each line, so that text printed before a kill is not lost.
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr] # `stream` is still the original
+    # Flush each line, as Python does for sys.stderr, so that text printed before a kill is not lost.
+    if sys.stdout is not None:
+        sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr] # still the original
 
 
 def _limit_memory(size: int) -> None:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,21 +58,32 @@ class ScriptProcess:
 
     _rules: RulePolicy
     _relay: DescriptorWatcher
+    _is_interrupted: Callable[[], bool]
 
-    def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
-        """Start the process. If the system cannot start the process, raise a `ScriptError`."""
+    def __init__(
+        self,
+        paths: Sequence[str],
+        megabytes: int = DEFAULT_MEMORY_MB,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start the process. If the system cannot start the process, raise a `ScriptError`. `clock`, in
+        seconds, measures the time limits.
+        """
         self.names = ", ".join(Path(path).name for path in paths)
-        self._is_interrupted: Callable[[], bool] = lambda: False
+        self._clock = clock
         self._files = {Path(path).name for path in paths}
-        self._loads_until = time.monotonic() + LOADS_WITHIN
+        self._loads_until = clock() + LOADS_WITHIN
         self._backlog = bytearray()
         self._waits_to_write = False
         self._watcher: DescriptorWatcher | None = None
         self._traces: int | None = None
         try:
-            self._socket, other = socket.socketpair()
-            with other:
-                self._process = self._start(other, paths, megabytes)
+            with ExitStack() as opened:
+                self._socket, other = socket.socketpair()
+                opened.enter_context(self._socket)
+                with other:
+                    self._process = self._start(other, paths, megabytes)
+                opened.pop_all()  # the start succeeded, so the socket remains open
         except OSError as error:
             reason = error.strerror or str(error)
             raise ScriptError(Message("script.no-process", names=self.names, reason=reason)) from None
@@ -101,6 +112,9 @@ class ScriptProcess:
                 pass_fds=(other.fileno(), traces),
                 start_new_session=True,  # Ctrl-C then reaches only the proxy, which ends the scripts
             )
+        except OSError:
+            self._close_traces()
+            raise
         finally:
             os.close(traces)
 
@@ -108,18 +122,19 @@ class ScriptProcess:
         """Wait until the scripts are loaded, but at most `seconds`. Return whether the scripts are loaded.
         Call `attach` first. If a script fails to load or has no add-on, raise a `ScriptError`.
         """
-        until = time.monotonic() + seconds
+        until = self._clock() + seconds
         try:
             while (statement := self._statements.next_frame()) is None:
-                left = until - time.monotonic()
-                if left <= 0 and time.monotonic() > self._loads_until:
+                now = self._clock()
+                if now >= until:
+                    if now <= self._loads_until:
+                        return False
                     self.locate()
                     raise self._load_error(
                         Message("script.slow-loading", names=self.names, seconds=f"{LOADS_WITHIN:g}")
                     )
-                if left <= 0:
-                    return False
-                if select.select([self._socket], [], [], left)[0] and (data := self.receive()) is not None:
+                readable, _, _ = select.select([self._socket], [], [], until - now)
+                if readable and (data := self.receive()) is not None:
                     if not data:
                         raise self._load_error(Message("script.ended-loading", names=self.names))
                     self._statements.feed_bytes(data)
@@ -188,8 +203,8 @@ class ScriptProcess:
         """
         self._unwatch()
         self.send(frame)
-        until = time.monotonic() + FINISHES_WITHIN
-        while time.monotonic() < until and not self._is_interrupted():
+        until = self._clock() + FINISHES_WITHIN
+        while self._clock() < until and not self._is_interrupted():
             writers = [self._socket] if self._backlog else []
             readable, writable, _ = select.select([self._socket], writers, [], _POLL_INTERVAL)
             if writable:
@@ -206,20 +221,20 @@ class ScriptProcess:
         self._kill()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_EXITS_WITHIN)
+        self._close_traces()
+
+    def _close_traces(self) -> None:
         if self._traces is not None:
             os.close(self._traces)
             self._traces = None
 
-    def _on_ready(self, happened: int) -> None:
-        if happened & WRITE:
-            self._flush()
-        if happened & ~WRITE:
-            data = self.receive()
-            now = time.monotonic_ns()
-            if data == b"":
-                self._unwatch()
-            if data is not None:
-                self._rules.on_script_data(data, now)
+    def _on_ready(self, events: int) -> None:
+        self._flush()
+        data = self.receive()
+        if data == b"":
+            self._unwatch()
+        if data is not None:
+            self._rules.on_script_data(data, time.monotonic_ns())
 
     def _flush(self) -> None:
         """Write as many pending bytes as fit into the socket's buffer."""

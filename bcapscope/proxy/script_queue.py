@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from bcapscope.faults.wire_message import WireMessage
@@ -34,11 +34,6 @@ if TYPE_CHECKING:
 
 TIME_LIMIT_NS = 100_000_000
 """Default time in ns that the scripts may take for one message."""
-
-SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
-"""Shortest and longest time limit that a user may set, in ns. Waking the scripts' process takes less than
-1 ms. After more than 10 s, a held motion would be dangerous: its client may have given up long before.
-"""
 
 LONGEST_WAIT = 1_000_000_000
 """Maximum time in ns from the arrival of a message to the scripts' decision, unless the user's time limit is
@@ -73,7 +68,7 @@ _MAX_NOTICES = 200
 """The proxy shows the user at most this many messages from the scripts."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PendingOrder:
     """A `ScriptOrder` that the scripts have not answered yet. `undecided` is None if the `message` needs no
     decision.
@@ -105,6 +100,8 @@ class ScriptQueue:
     `off_because` is the reason. `notify` gets each message for the user.
     """
 
+    _head_since: int  # since when the scripts work on the first order of the queue
+
     def __init__(self, names: str, process: ScriptProcess, limit: int = TIME_LIMIT_NS) -> None:
         """Create a queue with a time `limit` in ns per message."""
         self.names = names
@@ -120,8 +117,6 @@ class ScriptQueue:
         self._counts: Counter[int] = Counter()  # number of messages that wait for a decision, by client
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
-        self._head_since = 0
-        self._relay_delay = 0  # time in ns added to the limit, because the relay was late
         self._was_late = False
         self._has_open_calls = False
         self._expire_at = 0
@@ -208,7 +203,7 @@ class ScriptQueue:
             return self._end_at
         if self._queue:
             longest = self._queue[0].sent_at + max(LONGEST_WAIT, self._limit)
-            return min(self._head_since + self._limit, longest) + self._relay_delay
+            return min(self._head_since + self._limit, longest)
         return self._expire_at if self._has_open_calls else None
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
@@ -232,7 +227,7 @@ class ScriptQueue:
             # If the relay itself was late, extend the time limit, but only once per answer.
             if now - due > _LATE and not self._was_late:
                 self._was_late = True
-                self._relay_delay += now - due + self._limit
+                self._extend_limits(now - due + self._limit)
             else:
                 self._switch_off(self._slow_reason(now), now)
                 yield from self._flush_undecided()
@@ -252,11 +247,11 @@ class ScriptQueue:
         scripts' decisions about these messages.
         """
         found: list[bytes] = []
-        for place, each in enumerate(self._queue):
+        for each in self._queue:
             if each.undecided is not None and each.undecided.state.flow is flow:
                 found.append(each.undecided.message.data)
                 self._count(each, -1)
-                self._queue[place] = replace(each, undecided=None)
+                each.undecided = None
         return found
 
     def _send_order(self, order: ScriptOrder, waiting: PendingOrder) -> None:
@@ -265,8 +260,6 @@ class ScriptQueue:
             self._process.send(pack(order))
 
     def _enqueue(self, waiting: PendingOrder) -> None:
-        if self._relay_delay:
-            waiting = replace(waiting, sent_at=waiting.sent_at - self._relay_delay)
         if not self._queue:
             self._head_since = waiting.sent_at
         self._queue.append(waiting)
@@ -281,7 +274,7 @@ class ScriptQueue:
 
     def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision]:
         waiting = self._dequeue()
-        self._head_since = now - self._relay_delay
+        self._head_since = now
         self._was_late = False
         self._has_open_calls = answer.has_open_calls
         self.errors = max(self.errors, answer.errors)
@@ -311,11 +304,16 @@ class ScriptQueue:
                 yield undecided, None
 
     def _slow_reason(self, now: int) -> Message:
-        if now - self._relay_delay - self._head_since >= self._limit:
+        if now - self._head_since >= self._limit:
             time = f"{self._limit / 1e6:g} ms"
             return Message("script.slow", time=time, order=str(self._queue[0]))
         waited = max(LONGEST_WAIT, self._limit) / 1e9
         return Message("script.cannot-keep-up", time=f"{waited:g} s")
+
+    def _extend_limits(self, extra: int) -> None:
+        self._head_since += extra
+        for each in self._queue:
+            each.sent_at += extra
 
     def _switch_off(self, why: Message, now: int) -> None:
         self.is_on = False
@@ -335,6 +333,6 @@ class ScriptQueue:
             self.notify(Message(case, names=self.names, reason=self.off_because))
 
     def _is_finished(self, data: bytes) -> bool:
-        for _ in self.on_data(data, self._head_since + self._relay_delay):
+        for _ in self.on_data(data, self._head_since):
             pass  # all clients are gone, so the decisions have no effect
         return not self._queue

@@ -19,6 +19,7 @@ from bcapscope.proxy.script_protocol import (
     ScriptOrder,
 )
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Transport
 from tests.faults.traffic import CLIENT, SERVER, reply, request
 
@@ -189,6 +190,66 @@ def test_a_slow_hook_is_told_once() -> None:
     answer, notices = obey(AddonRunner([Slow()], clock=lambda: next(times)), message(), message())
     assert notices == ["Slow.request delayed messages by 2.5 ms (reported once)"]
     assert answer.errors == 0
+
+
+@pytest.mark.parametrize(("took", "is_slow"), [(2_000_000, False), (2_000_001, True)])
+def test_a_hook_is_slow_after_2_ms(took: int, is_slow: bool) -> None:
+    class Hook:
+        def connected(self, client: AddonClient) -> None:
+            pass
+
+    times = iter([1000, 1000 + took])
+    _, notices = obey(AddonRunner([Hook()], clock=lambda: next(times)))
+    assert len(notices) == is_slow
+
+
+def test_one_answer_has_at_most_32_messages_for_the_user() -> None:
+    answer, notices = obey(AddonRunner([Broken() for _ in range(33)], clock=lambda: 0))
+    assert (len(notices), answer.errors) == (32, 33)
+
+
+def test_later_addons_do_not_see_a_dropped_message() -> None:
+    seen: list[PassingMessage] = []
+
+    class Dropper:
+        def request(self, message: PassingMessage) -> None:
+            message.drop()
+
+    class Looker:
+        def request(self, message: PassingMessage) -> None:
+            seen.append(message)
+
+    answer, _ = obey(AddonRunner([Dropper(), Looker()]), message())
+    assert (answer.dropped, seen) == (True, [])
+
+
+def test_the_calls_of_a_client_settle_before_it_is_gone() -> None:
+    events: list[str] = []
+
+    class Order:
+        def settled(self, call: Call) -> None:
+            events.append(f"settled {call.request.number}")
+
+        def gone(self, client: AddonClient) -> None:
+            events.append(f"gone {client.number}")
+
+    obey(AddonRunner([Order()]), message(), ClientGone(1))
+    assert events == ["settled 1", "gone 1"]
+
+
+def test_clients_that_are_gone_do_not_displace_the_requests_of_a_silent_client() -> None:
+    functions: list[str | None] = []
+
+    class Functions:
+        def reply(self, message: PassingMessage) -> None:
+            functions.append(message.function)
+
+    others: list[ScriptOrder] = []
+    for number in range(2, 2 + MAX_CONVERSATIONS):
+        connected = ClientConnected(number, (CLIENT, SERVER), Transport.UDP)
+        others += connected, MessageShown(number, True, request(7), 0, 0), ClientGone(number)
+    obey(AddonRunner([Functions()]), message(), *others, MessageShown(1, False, reply(7), 0, 0))
+    assert functions == ["Robot_Execute"]
 
 
 def test_the_frames_of_a_settled_call_are_numbered_from_1() -> None:

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     from bcapscope.proxy.rule_policy import RulePolicy
     from bcapscope.proxy.script_process import ScriptProcess
 
+_SHORTEST_SCRIPT_LIMIT, _LONGEST_SCRIPT_LIMIT = 1_000_000, 10_000_000_000
+"""Shortest and longest time limit for the scripts, in ns. Waking the scripts' process takes less than 1 ms.
+After more than 10 s, a held motion would be dangerous: its client may have given up long before.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
@@ -179,10 +184,8 @@ def _target(text: str) -> GuardTarget:
 
 
 def _script_limit(text: str) -> int:
-    from bcapscope.proxy.script_queue import LONGEST_LIMIT, SHORTEST_LIMIT
-
     limit = DurationQuantity.read(text)
-    if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
+    if not _SHORTEST_SCRIPT_LIMIT <= limit <= _LONGEST_SCRIPT_LIMIT:
         raise ValueError(f"{text} is not a time from 1ms to 10s")
     return limit
 
