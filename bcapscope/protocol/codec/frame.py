@@ -197,8 +197,8 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
     Bytes that begin with SOH and hold a header become a `Frame`, even if they are damaged. If a frame ends
     with EOT before the datagram ends, the result has further items for the bytes after the frame.
     """
-    if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
-        return (Frame(raw, None, templates),)
+    if int.from_bytes(raw[1:5], "little") == len(raw):
+        return (parse_single_frame(raw, templates),)
     items: list[Frame | Malformed] = []
     pos = 0
     while True:
@@ -220,9 +220,10 @@ def parse_captured_datagram(
     items = parse_datagram(raw, templates)
     if len(items) == 1:
         return items
-    reason = Message("problem.length.datagram", claimed=len(items[0].raw), present=len(raw))
-    marked = Frame(items[0].raw, Problem(len(items[0].raw), "length", reason), templates)
-    return (marked, *items[1:])
+    first, *others = items
+    size = len(first.raw)
+    reason = Message("problem.length.datagram", claimed=size, present=len(raw))
+    return (Frame(first.raw, Problem(size, "length", reason), templates), *others)
 
 
 def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
@@ -254,7 +255,7 @@ def encode_frame(
             field.
     """
     if len(arguments) == 1 and framing is _PLAIN:
-        raw = _encode_number_row(serial, reserved, code, arguments[0])
+        raw = _encode_number_row(serial, reserved, code, *arguments)
         if raw is not None:
             return raw
     packed = b"".join(map(encode_argument, arguments))

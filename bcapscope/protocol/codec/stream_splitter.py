@@ -20,15 +20,15 @@ from bcapscope.protocol.codec.frame import (
 from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
-LARGEST_UNCONFIRMED = 64 * 1024
+LARGEST_UNCONFIRMED = 64 << 10
 """Maximum length in bytes of a frame if its arguments do not end where its length field says. With this
 limit, a corrupted length field delays at most 64 KiB of the stream. Real frames are below 10 KiB.
 """
 
-LARGEST_GARBAGE = 64 * 1024
+LARGEST_GARBAGE = 64 << 10
 """Maximum size in bytes of a piece of garbage: bytes that belong to no frame."""
 
-GUARANTEED_BUFFER = 16 * 1024
+GUARANTEED_BUFFER = 16 << 10
 """Number of bytes of an unfinished frame that a splitter keeps even if the splitters of all connections
 together exceed their `ByteBudget`. Frames of real sessions are below 10 KiB, so a splitter can always keep
 such a frame until it is complete.
@@ -42,6 +42,8 @@ MAX_RESYNC_ARGUMENTS = 64
 malicious garbage could make the splitter read the same bytes many times. Real frames have at most four
 arguments.
 """
+
+_NO_ARGUMENT = (0, 0, 0)
 
 _TAILS = (1, 2, 3)
 """Possible numbers of bytes after the last argument: 1 (EOT), 2 (mode byte, EOT) or 3 (CRC, EOT)."""
@@ -96,7 +98,7 @@ class StreamSplitter:
         self._limit = limit
         self._scan_position = 0
         self._bytes_needed = 0
-        self._argument_progress = (0, 0, 0)
+        self._argument_progress = _NO_ARGUMENT
 
     @property
     def pending_bytes(self) -> int:
@@ -142,7 +144,7 @@ class StreamSplitter:
         note = Problem(len(last.raw), "cut", why)
         if isinstance(last, Frame) and last.length > len(last.raw):
             pieces[-1] = pieces[-1]._replace(item=Frame(last.raw, note, self._templates))
-        elif isinstance(last, Malformed) and last.raw[0] == SOH and len(last.raw) < HEADER_SIZE:
+        elif isinstance(last, Malformed) and last.raw[0] == SOH:
             pieces[-1] = pieces[-1]._replace(item=Malformed(last.raw, (*last.problems, note)))
         return pieces
 
@@ -153,8 +155,6 @@ class StreamSplitter:
             if size == 0:
                 break
             pieces.append(self._pop_piece(size))
-        if final:
-            self._bytes_needed = 0
         return pieces
 
     def _pop_piece(self, size: int) -> StreamPiece:
@@ -163,7 +163,7 @@ class StreamSplitter:
         self._budget.held -= size
         start, self._stream_offset = self._stream_offset, self._stream_offset + size
         self._scan_position = self._bytes_needed = 0
-        self._argument_progress = (0, 0, 0)
+        self._argument_progress = _NO_ARGUMENT
         return StreamPiece(start, self._stream_offset, self._frame_or_malformed(raw))
 
     def _frame_or_malformed(self, raw: bytes) -> Frame | Malformed:
@@ -198,7 +198,6 @@ class StreamSplitter:
         if buffer[length - 1] == EOT or trust is not _Trust.CONFIRMED:
             return buffer[length - 1] == EOT
         if len(buffer) == length:
-            self._bytes_needed = length + 1
             return True if final else None
         return buffer[length] == SOH
 
@@ -228,18 +227,18 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return whether a frame begins at `pos`, and the frame's length; 0 if the length is unknown."""
+        """Return whether a frame begins at `pos`, and its length, which counts only if a frame begins."""
         buffer = self._buffer
-        if len(buffer) - pos < HEADER_SIZE:
-            return _Trust.INCOMPLETE, 0
         length = int.from_bytes(buffer[pos + 1 : pos + 5], "little")
+        if len(buffer) - pos < HEADER_SIZE:
+            return _Trust.INCOMPLETE, length
         argc = int.from_bytes(buffer[pos + 13 : pos + 15], "little")
         largest = self._limit if synchronized else min(self._limit, LARGEST_UNCONFIRMED)
         if not SMALLEST_FRAME <= length <= largest:
-            return _Trust.NONE, 0
+            return _Trust.NONE, length
         packed = has_compressed_header(buffer, pos)
         if argc > MAX_RESYNC_ARGUMENTS and not synchronized and not packed:
-            return _Trust.NONE, 0
+            return _Trust.NONE, length
         stop = pos + length
         last = stop - 1 if packed else self._walk_arguments(pos, stop, argc)
         if last is None:
@@ -249,22 +248,22 @@ class StreamSplitter:
         return (_Trust.UNCONFIRMED if length <= LARGEST_UNCONFIRMED else _Trust.NONE), length
 
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
-        """Return the offset after the last argument; None if more bytes are needed, 0 if a length field is
-        impossible. Each call continues where the previous call stopped.
+        """Return the offset after the last argument; None if more bytes are needed, `stop` if a length field
+        is impossible. Each call continues where the previous call stopped.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:
             argument, done = pos + HEADER_SIZE, 0
         while done < argc:
             if argument + SMALLEST_ARGUMENT > stop:
-                return 0
+                return stop
             if argument + 4 > len(self._buffer):
                 self._bytes_needed = argument + 4
                 self._argument_progress = (pos, argument, done)
                 return None
             claimed = int.from_bytes(self._buffer[argument : argument + 4], "little")
             if claimed < SMALLEST_ARGUMENT - 4:
-                return 0
+                return stop
             argument += 4 + claimed
             done += 1
         return argument

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from unittest import mock
 
 import pytest
 from hypothesis import given
@@ -42,6 +43,7 @@ from tests.samples.problems import problem_of
 from tests.strategies import Plan, frames, garbage, mutated_frames, plans
 
 PLAIN = [pair for pair in FRAMES if pair.framing is Framing.PLAIN]
+GOOD = FRAMES[2].data
 
 
 def only(items: tuple[Frame | Malformed, ...]) -> Frame:
@@ -71,6 +73,7 @@ def test_reads_what_the_table_says_also_by_its_layout(pair: FramePair, time: str
 
 def test_a_negative_hresult_is_sent_as_it_is_read_unsigned() -> None:
     assert encode_frame(1, 0, -2147467259) == encode_frame(1, 0, 0x80004005)
+    assert encode_frame(1, 0, -1) == encode_frame(1, 0, 0xFFFFFFFF)
 
 
 @pytest.mark.parametrize("pair", FRAMES, ids=FRAME_IDS)
@@ -97,6 +100,28 @@ def test_frames_glued_in_a_datagram_come_out_one_by_one() -> None:
     items = parse_datagram(everything)
     assert [item.raw for item in items] == [pair.data for pair in FRAMES]
     assert all(item.problems == () for item in items)
+
+
+def test_all_bytes_of_a_length_count() -> None:
+    huge = GOOD[:4] + b"\x01" + GOOD[5:]
+    (item,) = parse_datagram(huge + GOOD)
+    assert isinstance(item, Frame)
+    assert (item.raw, item.length) == (huge + GOOD, 0x01000000 + len(GOOD))
+
+
+def test_the_number_of_arguments_has_two_bytes() -> None:
+    assert Frame(GOOD[:13] + b"\x02\x01" + GOOD[15:]).argc == 0x0102
+
+
+def test_a_frame_equals_what_says_that_it_equals_it() -> None:
+    assert Frame(GOOD) == mock.ANY
+    assert Frame(GOOD) != GOOD
+
+
+def test_a_frame_of_two_rows_of_numbers_has_both() -> None:
+    rows = (Variant.array(VT.R4, (1.0, 2.0)), Variant.array(VT.I4, (3,)))
+    frame = Frame(encode_frame(1, 0, 64, rows))
+    assert (frame.variants, frame.problems) == (rows, ())
 
 
 def test_many_small_frames_are_cut_without_copying_the_rest_each_time() -> None:
@@ -139,10 +164,14 @@ def test_bytes_behind_a_sound_frame_are_an_item_of_their_own() -> None:
 
 
 def test_each_item_of_a_captured_datagram_is_there_once_and_only_the_first_has_the_problem() -> None:
-    first, second = PLAIN[0].data, PLAIN[1].data
-    items = parse_captured_datagram(first + second + b"\xee")
-    assert [item.raw for item in items] == [first, second, b"\xee"]
-    assert [[problem.code for problem in item.problems] for item in items] == [["length"], [], ["soh"]]
+    for first, second in ((PLAIN[0].data, PLAIN[1].data), (PLAIN[1].data, PLAIN[0].data)):
+        items = parse_captured_datagram(first + second + b"\xee")
+        assert [item.raw for item in items] == [first, second, b"\xee"]
+        assert [[problem.code for problem in item.problems] for item in items] == [["length"], [], ["soh"]]
+        (problem,) = items[0].problems
+        sizes = len(first), len(first + second) + 1
+        assert problem.offset == len(first)
+        assert str(problem.reason) == "length is %d, but the datagram has %d bytes" % sizes
 
 
 def test_a_datagram_that_begins_otherwise_is_no_frame_whatever_follows() -> None:

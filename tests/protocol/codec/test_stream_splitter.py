@@ -115,6 +115,8 @@ def test_one_whole_frame_is_taken_at_once_and_nothing_else() -> None:
     assert splitter.feed(GOOD[5:]) == [StreamPiece(2 * len(GOOD), 3 * len(GOOD), Frame(GOOD))]
     assert StreamSplitter(synchronized=False).feed_whole_frame(GOOD) is None
     assert StreamSplitter(limit=len(GOOD) - 1).feed_whole_frame(GOOD) is None
+    for shortest in (GOOD, encode_frame(1, 0, 2)):
+        assert StreamSplitter(limit=len(shortest)).feed_whole_frame(shortest) == Frame(shortest)
 
 
 @pytest.mark.parametrize("sample", DAMAGED[4:], ids=DAMAGED_IDS[4:])
@@ -138,6 +140,52 @@ def test_a_frame_after_garbage_is_returned_once_its_bytes_have_arrived() -> None
     splitter = StreamSplitter(synchronized=False)
     assert splitter.feed(garbage) == []
     assert raws(splitter.feed(bytes(4) + GOOD)) == [garbage + bytes(4), GOOD]
+
+
+def test_a_frame_that_claims_too_many_arguments_comes_out_with_its_last_byte() -> None:
+    claiming = GOOD[:13] + bytes((GOOD[13] + 1,)) + GOOD[14:]
+    assert raws(StreamSplitter().feed(claiming)) == [claiming]
+
+
+def test_an_argument_that_is_too_short_brings_no_stream_back_into_step() -> None:
+    short = struct.pack("<BIHHIHI5xB", 1, 25, 1, 0, 64, 1, 5, 4)
+    assert len(short) == 25
+    assert raws(feed([b"?" + short + GOOD])) == [b"?" + short, GOOD]
+
+
+def test_all_bytes_of_a_length_count() -> None:
+    huge = GOOD[:4] + b"\x01" + GOOD[5:]
+    assert raws(feed([huge + huge + GOOD])) == [huge + huge, GOOD]
+
+
+@pytest.mark.parametrize("size", [9, 40])
+def test_at_the_end_of_a_stream_only_what_comes_last_is_cut(size: int) -> None:
+    broken = GOOD[:1] + (5000).to_bytes(4, "little") + GOOD[5:]
+    splitter = StreamSplitter()
+    assert splitter.feed(broken + GOOD + GOOD[:size]) == []
+    pieces = splitter.close()
+    assert raws(pieces) == [broken, GOOD, GOOD[:size]]
+    assert ["cut" in {each.code for each in piece.item.problems} for piece in pieces] == [False, False, True]
+
+
+@pytest.mark.parametrize(("length", "is_awaited"), [(65_536, True), (65_537, False)])
+def test_a_length_that_no_argument_confirms_is_awaited_up_to_64_kib(length: int, is_awaited: bool) -> None:
+    claiming = GOOD[:1] + length.to_bytes(4, "little") + GOOD[5:]
+    assert (StreamSplitter().feed(claiming + GOOD) == []) is is_awaited
+
+
+def test_no_more_than_16_kib_are_kept_of_a_long_frame_while_memory_is_scarce() -> None:
+    budget = ByteBudget(limit=100)
+    splitter = StreamSplitter(budget=budget)
+    large = encode_frame(1, 0, 64, [Variant.array(VT.UI1, bytes(30_000))])
+    assert splitter.feed(large[:16_384]) == []
+    (piece,) = splitter.feed(large[16_384:16_385])
+    assert piece.item.raw == large[:16_385]
+    assert str(piece.item.problems[-1].reason) == (
+        "incomplete: the unfinished frames of all connections exceed 100 bytes"
+    )
+    assert (splitter.pending_bytes, budget.held) == (0, 0)
+    assert raws(splitter.feed(b"\x01" + (10_000).to_bytes(4, "little") + bytes(30) + GOOD))[-1] == GOOD
 
 
 def test_garbage_cut_at_every_offset_is_the_same_garbage() -> None:
@@ -272,7 +320,7 @@ def test_garbage_comes_out_in_pieces(filler: int, extra: int) -> None:
     pieces += splitter.feed(GOOD) + splitter.close()
     assert pieces == feed([data + GOOD], in_step=False)
     check_pieces(pieces, [[data, GOOD]])
-    assert pieces[0].stop == LARGEST_GARBAGE
+    assert pieces[0].stop == 65_536
     assert sound(pieces) == [GOOD]
 
 
