@@ -127,7 +127,7 @@ class Requester:
         self.datagrams = convention in client_conventions(datagrams=True)
         self._serial = first_serial
         self._request_bytes = b""
-        self._policy = RetryPolicy(0, 0)
+        self._policy: RetryPolicy
         self._open_attempts: list[_OpenAttempt] = []
         self._earlier_attempts: deque[_OpenAttempt] = deque(maxlen=_REMEMBERED_ATTEMPTS)
         self.deadline: int | None = None

@@ -85,6 +85,9 @@ class _Call:
         self.serials = {frame.serial, frame.reserved or frame.serial}
         self.answer = b""
 
+    def keys(self) -> set[int | bytes]:
+        return {*self.serials, self.content}
+
     def add_attempt(self, frame: Frame) -> None:
         self.serials |= {frame.serial, frame.reserved or frame.serial}
         if _is_ahead(frame.serial, self.newest):
@@ -231,7 +234,6 @@ class Responder:
     def reset(self) -> None:
         """Forget all calls of the client. A call that is still running gets no reply."""
         self._calls.clear()
-        self._known_keys.clear()
         self._running = None
         self._has_received = False
 
@@ -239,14 +241,9 @@ class Responder:
         """Add a call's serials and contents to `_known_keys`. If `_known_keys` is full, first remove the keys
         of forgotten calls.
         """
-        keys = self._known_keys
-        if len(keys) > self._known_keys_limit:
-            keys.clear()
-            for each in self._known_calls():
-                keys |= each.serials
-                keys.add(each.content)
-        keys |= call.serials
-        keys.add(call.content)
+        if len(self._known_keys) > self._known_keys_limit:
+            self._known_keys = set().union(*(each.keys() for each in self._known_calls()))
+        self._known_keys |= call.keys()
 
     def _find_call(self, frame: Frame, content: bytes) -> _Call | None:
         if self._forgets_first:

@@ -182,6 +182,27 @@ def test_what_the_system_says_is_kept_with_the_try() -> None:
     assert requester.drain_events() == []
 
 
+def test_an_error_of_the_system_belongs_to_the_newest_try() -> None:
+    requester = _calling(pace=RetryPolicy(2 * MS, 1))
+    requester.handle_timeout(2 * MS)
+    requester.record_send_error(_UNREACHABLE, 3 * MS)
+    requester.handle_timeout(4 * MS)
+    (timed_out,) = requester.drain_events()
+    assert isinstance(timed_out, CallTimedOut)
+    assert [attempt.events for attempt in timed_out.attempts] == [(), (AttemptEvent(3 * MS, _UNREACHABLE),)]
+
+
+def test_the_time_of_a_call_counts_from_its_first_try() -> None:
+    requester = Requester(ReservedConvention.SEED)
+    requester.start_call(19, (), PACE, 5 * MS)
+    requester.receive_item(_reply(1, S_EXECUTING), 6 * MS)
+    requester.handle_timeout(8 * MS)
+    requester.receive_item(_reply(2), 9 * MS)
+    answered = requester.drain_events()[-1]
+    assert isinstance(answered, CallAnswered)
+    assert answered.elapsed == 4 * MS
+
+
 def test_a_call_that_is_given_up_leaves_room_for_the_next() -> None:
     requester = _calling()
     assert requester.abandon() == (Attempt(1, 0, 0),)

@@ -59,6 +59,11 @@ def _play(responder: Responder, *packets: tuple[int, int, int]) -> str:
         ([(1, 0, 0), (6, 5, 2), (1, 0, 0), (4, 0, 3), (6, 0, 4), (4, 0, 3)], "NEW NEW REPEAT NEW NEW REPEAT"),
         ([(5, 0, 2), (4, 0, 3), (6, 5, 3)], "NEW NEW REPEAT"),
         ([(10, 0, 0), (5, 0, 0), (10, 0, 1), (11, 0, 0)], "NEW REPEAT NEW NEW"),
+        ([(5, 0, 0), (6, 5, 0), (6, 0, 1), (5, 0, 0)], "NEW REPEAT NEW NEW"),
+        ([(10, 0, 0), (9, 0, 1), (9, 0, 0)], "NEW NEW NEW"),
+        ([(10, 0, 0), (9, 0, 1), (9, 8, 0)], "NEW NEW REPEAT"),
+        ([(20, 0, 0), (5, 0, 0)], "NEW REPEAT"),
+        ([(21, 0, 0), (5, 0, 0)], "NEW NEW"),
     ],
     ids=lambda value: value if isinstance(value, str) else str(value),
 )
@@ -177,6 +182,28 @@ def test_none_that_is_remembered_is_forgotten_with_the_old_ones() -> None:
             assert _play(responder, (known, 0, known)) == "REPEAT"
 
 
+@pytest.mark.parametrize("count", range(20))
+def test_a_late_retry_is_known_by_its_contents_however_many_calls_there_were(count: int) -> None:
+    responder = Responder(remembered=2)
+    calls = [(3 * serial, 0, serial) for serial in range(1, count + 3)]
+    assert _play(responder, *calls) == " ".join(["NEW"] * len(calls))
+    serial, _, contents = calls[-2]
+    assert _play(responder, (serial + 2, serial + 1, contents)) == "REPEAT"
+
+
+def test_another_function_with_the_same_arguments_is_another_call() -> None:
+    responder = Responder()
+    assert _play(responder, (5, 0, 0)) == "NEW"
+    assert responder.receive_request(Frame(encode_frame(5, 0, 65, (Variant(VT.I4, 0),)))).kind is NEW
+
+
+def test_what_is_refused_at_once_has_the_reserved_field_of_any_other_answer() -> None:
+    request = _request(6, 5)
+    assert Responder().reply_unremembered(request, E_BUSY) == encode_frame(6, 0, E_BUSY)
+    echoing = Responder(reply_reserved=ReplyReserved.ECHOED)
+    assert echoing.reply_unremembered(request, E_BUSY) == encode_frame(6, 5, E_BUSY)
+
+
 def test_a_forgotten_client_is_a_new_one() -> None:
     responder = Responder()
     responder.receive_request(_request(5, 0))
@@ -204,6 +231,8 @@ def test_the_c_server_answers_serial_zero_without_executing() -> None:
     responder = Responder(defects=Defect.SERIAL_ZERO)
     assert responder.receive_request(_request(0, 0)) == RequestDecision(REPEAT, encode_frame(0, 0, S_OK))
     assert _play(responder, (0, 0, 0)) == "NEW"
+    responder.reset()
+    assert _play(responder, (0, 0, 0)) == "REPEAT"
     assert _play(Responder(), (0, 0, 0)) == "NEW"
     assert _play(Responder(expects_retries=False, defects=Defect.SERIAL_ZERO), (0, 0, 0)) == "NEW"
 

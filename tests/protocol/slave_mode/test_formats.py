@@ -79,6 +79,10 @@ def test_any_number_round_trips(value: int) -> None:
         (Variant.array(VT.I4, (0x14, 1)), FormatParameter(0x14, True)),
         (Variant.array(VT.I4, (0x14, 0)), FormatParameter(0x14, False)),
         (Variant.array(VT.VARIANT, (Variant(VT.I2, 2), Variant(VT.I4, 1))), FormatParameter(2, True)),
+        (
+            Variant.array(VT.VARIANT, (Variant(VT.I2, 2), Variant(VT.I4, 1), Variant(VT.BSTR, "?"))),
+            FormatParameter(2, True),
+        ),
         (Variant.array(VT.I4, ()), None),
         (Variant.array(VT.UI1, b"\x14"), None),
         (Variant(VT.BOOL, True), None),

@@ -54,6 +54,20 @@ def test_the_drivers_mark_is_no_axis(pose_type: PoseType) -> None:
 
 
 @pytest.mark.parametrize(
+    ("number", "used"),
+    [
+        (4_194_304.0, 0),
+        (4_194_559.0, 0xFF),
+        (4_194_303.0, None),
+        (4_194_560.0, None),
+        (4_194_304.5, None),
+    ],
+)
+def test_the_driver_marks_up_to_eight_axes(number: float, used: int | None) -> None:
+    assert build_pose((1.0,) * 8 + (number,), PoseType.J)[0].used_axes == used
+
+
+@pytest.mark.parametrize(
     ("pose_type", "count", "problem"),
     [
         (P, 6, None),

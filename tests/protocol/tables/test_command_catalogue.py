@@ -16,6 +16,7 @@ from bcapscope.protocol.tables.command_catalogue import (
     command_parameter,
     commands_of,
     find_command,
+    similar_command,
 )
 
 OWNERS = (17, 28, 64, 87)
@@ -149,3 +150,18 @@ def test_any_mix_of_cases_is_found(entry: CommandSpec, random: Random) -> None:
 def test_any_text_may_be_asked_for(name: str) -> None:
     found = find_command(64, name)
     assert found is None or found.name.casefold() == name.casefold()
+
+
+@pytest.mark.parametrize(
+    ("name", "similar"),
+    [
+        ("slvChangeMdoe", "slvChangeMode"),
+        ("SLVMOV", "slvMove"),
+        ("slvMove", "slvMove"),
+        ("slvMove" + "x" * 60, None),
+        ("NobodyKnowsThis", None),
+        ("", None),
+    ],
+)
+def test_a_misspelt_command_has_a_similar_one(name: str, similar: str | None) -> None:
+    assert similar_command(64, name) == similar

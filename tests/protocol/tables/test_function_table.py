@@ -187,3 +187,18 @@ def test_requests_of_densos_python_client_have_these_arguments() -> None:
                 assert arg["type"] == types.get(param.type, arg["type"])
             seen.add(function.id)
     assert len(seen) > 20
+
+
+@pytest.mark.parametrize(
+    ("code", "function_id"),
+    [
+        (0x7FFFFFFF, 0x7FFFFFFF),
+        (0x80000000, -0x80000000),
+        (0xFFFFFFFF, -1),
+        (0x100000000, 0x100000000),
+        (64, 64),
+        (-1, -1),
+    ],
+)
+def test_the_number_of_a_function_is_signed(code: int, function_id: int) -> None:
+    assert signed_function_id(code) == function_id
