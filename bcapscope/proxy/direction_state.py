@@ -92,9 +92,9 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitR
     splitter = StreamSplitter(synchronized=False)
     items = [piece.item for piece in (*splitter.feed(b"".join(held)), *splitter.close())]
     going, lost = _split_frames(items)
-    if going and lost and not (isinstance(items[0], Frame) and not items[0].problems):
-        going.insert(0, items[0].raw)
-        del lost[0]
+    begun = items[0].raw if items and items[0].problems else b""
+    if going and begun:
+        return [begun, *going], lost[1:]
     return going, lost
 
 

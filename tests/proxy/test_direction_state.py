@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.direction_state import DirectionState, split_held_requests
 from bcapscope.traffic.observation import Transport
 from tests.faults.traffic import request, talk
@@ -27,3 +29,17 @@ def test_a_stop_is_sent_after_the_rest_of_a_frame_that_has_begun() -> None:
 
 def test_nothing_is_sent_without_a_stop() -> None:
     assert sent(request(1)[20:], request(2)) == b""
+
+
+def test_the_rest_of_a_frame_is_sent_before_a_stop_although_it_looks_like_a_frame() -> None:
+    looks = b"\x01" + (10_000).to_bytes(4, "little") + bytes(8) + b"\x01\0" + bytes(20)
+    whole = encode_frame(1, 0, 64, (Variant.array(VT.UI1, looks),))
+    rest = whole[whole.index(looks) :]
+    state = DirectionState(1, talk(Transport.TCP).up, 0, ByteBudget())
+    going, lost = split_held_requests(state, [rest, request(2), HALT, request(3)])
+    assert b"".join(going) == rest + HALT
+    assert lost == [Frame(request(2)), Frame(request(3))]
+
+
+def test_nothing_held_is_nothing_to_send() -> None:
+    assert split_held_requests(DirectionState(1, talk(Transport.TCP).up, 0, ByteBudget()), []) == ([], [])

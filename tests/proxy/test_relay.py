@@ -16,11 +16,12 @@ from bcapscope.proxy import poller
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.poller import SelectPoller
-from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.relay import Relay, encode_note
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
+from bcapscope.transport.socket_link import close_with_reset
 from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
 from tests.proxy.test_rule_policy import rules
@@ -139,6 +140,95 @@ def test_what_still_waits_is_recorded_before_what_overtakes_it() -> None:
             (b"waits", False),
             (b"stop", True),
         ]
+
+
+def test_a_decision_about_what_was_recorded_already_is_still_carried_out() -> None:
+    waiting: list[PolicyDecision] = []
+
+    def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
+        if data == b"go":
+            decision = waiting.pop()
+            decision.notes.append(foreign_text("changed"))
+            decision.actions = [SendAction(client, Direction.REQUEST, b"waited", foreign_text("changed"))]
+            policy.hold(SendAction(99, DOWN, b"nobody"), 0)
+            policy.hold(decision, 0)
+            return decided(client, "", SendAction(client, direction, data))
+        if data == b"waits":
+            waiting.append(
+                PolicyDecision(client, [SendAction(client, direction, b"at once")], waiting=1),
+            )
+            return waiting[-1]
+        return decided(client, "", SendAction(client, direction, data))
+
+    policy = Say(decide)
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=policy) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        for data in (b"waits", b"overtakes", b"go"):
+            client.send(data)
+        assert [server.recv(100) for _ in range(4)] == [b"at once", b"overtakes", b"go", b"waited"]
+        assert proxy.relay.counts[RelayCounter.RULED] == 1
+
+
+def test_what_waits_for_a_decision_is_recorded_when_its_client_leaves() -> None:
+    seen: list[bytes] = []
+
+    def decide(client: int, _: Direction, data: bytes) -> PolicyDecision:
+        seen.append(data)
+        return decided(client, "", waiting=1)
+
+    with listening() as door, running(port_of(door), "tcp", policy=Say(decide)) as proxy:
+        client = socket.create_connection(proxy.address, PATIENCE)
+        server, _ = door.accept()
+        with server:
+            client.sendall(b"question")
+            server.sendall(b"answer")
+            eventually(lambda: len(seen) == 2)
+            close_with_reset(client)
+            eventually(lambda: not proxy.relay.sessions)
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 2)
+        assert sorted(proxy.passed(True) + proxy.passed(False)) == [b"answer", b"question"]
+
+
+def test_the_ring_knows_the_streams_of_open_clients() -> None:
+    with listening() as door, datagrams() as server, running(port_of(door), "tcp") as proxy:
+        assert proxy.relay.ring.streams == set()
+        with socket.create_connection(proxy.address, PATIENCE), door.accept()[0]:
+            eventually(lambda: proxy.relay.ring.streams == {1})
+        eventually(lambda: proxy.relay.ring.streams == set())
+        with running(port_of(server), "udp") as other, datagrams(to=other.address) as client:
+            client.send(b"x")
+            assert server.recv(100) == b"x"
+            assert other.relay.ring.streams == set()
+
+
+def test_a_proxy_that_ends_ends_its_connections_in_order() -> None:
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        client = socket.create_connection(proxy.address, PATIENCE)
+        server, _ = door.accept()
+        eventually(lambda: proxy.relay.sessions)
+        proxy.stop()
+        proxy.relay.close()
+        with client, server:
+            server.settimeout(PATIENCE)
+            assert (client.recv(1), server.recv(1)) == (b"", b"")
+        with pytest.raises(ConnectionError):
+            socket.create_connection(proxy.address, PATIENCE)
+
+
+def test_nobody_gets_in_while_a_proxy_ends() -> None:
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        proxy.relay.close_listeners()
+        with pytest.raises(ConnectionError):
+            socket.create_connection(proxy.address, PATIENCE)
+
+
+def test_a_long_note_is_cut() -> None:
+    assert encode_note(None) == b""
+    assert decoded(encode_note(foreign_text("x" * 4000))) == "x" * 4000
+    assert decoded(encode_note(foreign_text("x" * 5000))) == "x" * 600
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="only Linux lists open files")

@@ -21,7 +21,7 @@ from bcapscope.transport.socket_link import close_with_reset
 from tests.english import decoded
 from tests.faults.traffic import MS, reply, request
 from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
-from tests.proxy.test_rule_policy import holding, rules
+from tests.proxy.test_rule_policy import HALT, holding, rules
 
 
 def live(*faults: str, expression: str = "") -> RulePolicy:
@@ -91,6 +91,16 @@ def test_the_end_of_a_stream_waits_for_what_is_delayed() -> None:
         client.shutdown(socket.SHUT_WR)
         assert read_all(server) == request(1)
         assert time.monotonic() - began >= 0.15
+
+
+def test_a_held_stop_is_sent_when_the_proxy_ends() -> None:
+    with connected(live("delay=60s")) as (proxy, client, server):
+        client.sendall(request(1) + HALT)
+        eventually(lambda: proxy.relay.counts[RelayCounter.RULED])
+        proxy.stop()
+        proxy.relay.release_all_held()
+        proxy.relay.close()
+        assert read_all(server) == HALT
 
 
 def test_the_end_of_a_stream_passes_when_what_was_held_before_it_is_dropped() -> None:
