@@ -168,6 +168,7 @@ def test_each_item_of_a_captured_datagram_is_there_once_and_only_the_first_has_t
         items = parse_captured_datagram(first + second + b"\xee")
         assert [item.raw for item in items] == [first, second, b"\xee"]
         assert [[problem.code for problem in item.problems] for item in items] == [["length"], [], ["soh"]]
+        assert [len(item.problems) for item in parse_captured_datagram(first + second)] == [1, 0]
         (problem,) = items[0].problems
         sizes = len(first), len(first + second) + 1
         assert problem.offset == len(first)

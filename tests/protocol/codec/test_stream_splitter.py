@@ -144,7 +144,9 @@ def test_a_frame_after_garbage_is_returned_once_its_bytes_have_arrived() -> None
 
 def test_a_frame_that_claims_too_many_arguments_comes_out_with_its_last_byte() -> None:
     claiming = GOOD[:13] + bytes((GOOD[13] + 1,)) + GOOD[14:]
-    assert raws(StreamSplitter().feed(claiming)) == [claiming]
+    splitter = StreamSplitter()
+    assert splitter.feed(claiming[:-1]) == []
+    assert raws(splitter.feed(claiming[-1:])) == [claiming]
 
 
 def test_an_argument_that_is_too_short_brings_no_stream_back_into_step() -> None:
@@ -165,6 +167,7 @@ def test_at_the_end_of_a_stream_only_what_comes_last_is_cut(size: int) -> None:
     assert splitter.feed(broken + GOOD + GOOD[:size]) == []
     pieces = splitter.close()
     assert raws(pieces) == [broken, GOOD, GOOD[:size]]
+    assert [(piece.start, piece.stop) for piece in pieces] == [(0, 82), (82, 164), (164, 164 + size)]
     assert ["cut" in {each.code for each in piece.item.problems} for piece in pieces] == [False, False, True]
 
 
