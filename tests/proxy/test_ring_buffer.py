@@ -257,3 +257,77 @@ def test_what_must_be_known_is_bounded_where_the_reader_stands_still() -> None:
     kinds = [record.kind for record in found if record.kind is not RingRecordKind.DATA]
     assert kinds.count(RingRecordKind.NOTICE) == MAX_WAITING_NOTICES
     assert kinds.count(RingRecordKind.CLIENT_OPENED) == kinds.count(RingRecordKind.CLIENT_CLOSED) == 1
+
+
+def test_a_ring_is_filled_to_its_last_byte() -> None:
+    writer, reader = ends(1 << 10)
+    assert (reader.fill_ratio, reader.bytes_waiting, writer.bytes_read) == (0.0, 0, 0)
+    assert [writer.write_record(True, 1, 2, 3, bytes(89), note=b"1234567") for _ in range(9)] == [
+        True
+    ] * 8 + [False]
+    assert (reader.fill_ratio, reader.bytes_waiting, writer.bytes_written) == (1.0, 1024, 1024)
+    assert reader.read_records() == []
+    assert len(reader.read_records(2)) == 2
+    assert (reader.fill_ratio, reader.bytes_waiting, writer.bytes_read) == (0.75, 768, 256)
+
+
+def test_a_writer_knows_how_far_the_faster_reader_is() -> None:
+    memory = memoryview(bytearray(RING_OVERHEAD + (1 << 10)))
+    writer, behind, ahead = RingWriter(memory), RingReader(memory), RingReader(memory, ahead=True)
+    for _ in range(4):
+        writer.write_record(True, 1, 2, 3, bytes(96))
+    everything(ahead)
+    assert writer.bytes_read == 512
+    assert behind.read_records(until=512)
+    assert writer.bytes_read == 512
+
+
+def test_the_largest_record_fits_into_the_margin() -> None:
+    writer, reader = ends(1 << 18)
+    largest = (1 << 17) - 4096 - 32
+    assert not writer.write_record(True, 1, 2, 3, bytes(largest + 1))
+    for _ in range(5):  # somewhere, one begins before the end of the ring, and ends behind it
+        data = bytes(largest - 1) + b"x"
+        assert writer.write_record(True, 1, 2, 3, data)
+        assert [record.data for record in everything(reader)] == [data]
+
+
+def test_how_urgent_reading_is_can_be_seen_at_both_ends() -> None:
+    writer, reader = ends(1 << 10)
+    assert reader.urgency == 0
+    writer.urgency = 2
+    assert (reader.urgency, max(writer.counts), max(writer.figures)) == (2, 0, 0)
+
+
+def test_waiting_datagrams_are_written_before_a_record() -> None:
+    writer, reader = ends(1 << 12)
+    writer.pending_datagrams.append((True, 1, [], 5, b"first"))
+    writer.write_record(True, 1, 2, 3, b"second")
+    assert [record.data for record in everything(reader)] == [b"first", b"second"]
+
+
+def test_notices_beyond_the_limit_are_counted_and_what_must_be_known_is_not_lost() -> None:
+    writer, reader = ends(1 << 10)
+    while writer.write_record(True, 1, 2, 3, b""):
+        pass
+    before = writer.counts[RelayCounter.UNWATCHED]
+    for _ in range(1024 + 5):
+        writer.write_required(RingRecordKind.NOTICE, 0, b"something", 1)
+    assert writer.counts[RelayCounter.UNWATCHED] == before + 5
+    for client in (7, 8):
+        writer.write_required(RingRecordKind.CLIENT_OPENED, client, b"who", 5)
+    writer.write_required(RingRecordKind.END, 7, b"", 6)
+    writer.write_required(RingRecordKind.CLIENT_CLOSED, 7, b"", 6)
+    assert writer.counts[RelayCounter.UNWATCHED] == before + 5 + 2
+    found: list[RingRecord] = []
+    for _ in range(200):
+        found += everything(reader)
+        writer.write_record(True, 1, 2, 3, b"")
+    assert [record.client for record in found if record.kind is RingRecordKind.CLIENT_OPENED] == [8]
+
+
+def test_the_memory_can_be_closed_once_it_is_released() -> None:
+    memory = bytearray(RING_OVERHEAD + 1024)
+    writer = RingWriter(memoryview(memory))
+    writer.release()
+    memory.clear()
