@@ -142,6 +142,23 @@ def test_the_offset_changes_linearly_between_and_beyond_the_points() -> None:
     assert [estimate.offset_at(time) for time in (-5, 0, 5, 10, 15, 20, 25)] == [-50, 0, 50, 100, 50, 0, -50]
 
 
+def test_a_single_point_is_the_offset_at_all_times() -> None:
+    estimate = ClockEstimate(((START, 7),), SECOND)
+    assert [estimate.to_client_clock(time) for time in (START - 10, START, START + 10)] == [
+        START - 17,
+        START - 7,
+        START + 3,
+    ]
+
+
+def test_a_steady_drift_is_found_over_a_whole_day() -> None:
+    frames = [(START + index * 1000 * SECOND, index * 50 * MS) for index in range(87)]
+    estimate = estimate_of([(time, offset + 100) for time, offset in frames], frames)
+    assert estimate is not None
+    assert estimate.drift == pytest.approx(50e-6, abs=1e-11)
+    assert estimate.error == pytest.approx(50, abs=2)
+
+
 def test_the_drift_is_the_middle_of_what_the_bounds_allow() -> None:
     later = START + 100_000
     estimate = estimate_of([(START, 0), (later, 20)], [(START, 0), (later, 10)])
