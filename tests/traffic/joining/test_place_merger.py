@@ -181,11 +181,13 @@ def test_tcp_loses_no_frame_without_a_proxy(transport: Transport) -> None:
 
 def test_only_so_many_frames_wait_for_their_second_sighting() -> None:
     both = Merging()
-    for number in range(MAX_PENDING):
-        both.add(NEAR, both.sides[NEAR].ask(0, number & 0xFFFF, number >> 16, MOVE))
+    oldest = both.ask(NEAR, 0, 1)
+    for number in range(1, MAX_PENDING):
+        both.add(NEAR, both.sides[NEAR].ask(0, number & 0xFFFF, number >> 16, OTHER))
     assert both.delivered == []
-    both.ask(NEAR, 0, 1, OTHER)
-    assert [(each.item.serial, each.is_missed) for each in both.delivered] == [(0, False)]
+    both.reply(NEAR, 1, 2)
+    assert both.sightings == [(oldest, None)]
+    assert not both.delivered[0].is_missed
 
 
 @pytest.mark.parametrize(("lost", "is_remembered"), [(MAX_OVERDUE, True), (MAX_OVERDUE + 1, False)])
