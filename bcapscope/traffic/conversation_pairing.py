@@ -43,7 +43,7 @@ class ConversationPairing:
     def __init__(
         self,
         conversation: Conversation,
-        latest_evicted: int = 0,
+        latest_evicted: int,
         budget: ByteBudget | None = None,
         kinds: CallKinds | None = None,
         taken_at: CapturePoint | None = None,
@@ -152,12 +152,12 @@ class ConversationPairing:
         """Record that the capture lacks bytes that the client or the controller sent.
 
         Controllers answer in order, so the missing bytes may contain the reply to any call that began after
-        the latest answered call.
+        the latest answered call, or the reply to a retry of the latest answered call.
         """
         if direction is Direction.RESPONSE:
             self._response_seen = True
             for call in self.open_calls:
-                call.reply_missed |= call.reply is None and call.number > self._latest_answered
+                call.reply_missed |= call.reply is None and call.number >= self._latest_answered
 
     def add_undelivered_reply(self, observation: FrameObservation, frame: Frame) -> None:
         """Add a reply or notice that the controller sent, and that did not reach the client's side."""
@@ -194,16 +194,16 @@ class ConversationPairing:
 
     def evict_oldest(self, count: int) -> Iterator[Call]:
         """Yield the `count` oldest open calls, even if further frames may belong to them."""
-        begun_at = 0 if self._newest_call is None else self._newest_call.request.time
+        newest = self._newest_call
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
             # at least `LATE_WITHIN_NS` passed from `abandoned_at` to the start of the newest call
-            is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
+            is_past = newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
             yield self._finish_call(call, event)
 
-    def close(self, now: int = 0) -> Iterator[Call]:
+    def close(self, now: int) -> Iterator[Call]:
         """Yield all open calls, because the traffic of the conversation has ended.
 
         `now` is the time when the capture ended, ns since 1970; 0 if nothing was captured after the
@@ -378,7 +378,7 @@ class ConversationPairing:
         size = len(frame.raw)
         call.memory_bytes += size
         self._budget.held += size
-        if self._frame_indexes and call in self._frame_indexes:
+        if call in self._frame_indexes:
             self._frame_indexes[call].add_frame(FrameRole.REPLY, observation)
         if frame.code == E_BUSY:
             self._response_seen = True
@@ -426,7 +426,7 @@ class ConversationPairing:
             self._frame_indexes.pop(call, None)
         frame = call.request.item
         serial = frame.serial
-        if call.other_frames or (frame.reserved and frame.reserved != serial):
+        if call.other_frames or frame.reserved not in (0, serial):
             self._crossing.settle(call)
             self._extra_frames -= len(call.other_frames)
             self._serials.release_all(call)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.traffic import conversation_pairing
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.pairing_windows import LARGE_CALL
 from bcapscope.traffic.serial_table import MAX_REUSED
 from tests.traffic.playbook import (
     BUSY,
@@ -19,6 +22,7 @@ from tests.traffic.playbook import (
     calls_of,
     play,
     r8s,
+    slv_move,
     strays_of,
     summaries,
 )
@@ -225,6 +229,18 @@ PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
         ["1: >1 <2 answered, answered", "2: >3 >>4 capture_ended, capture ended"],
         [(0, 1, 0, MOVE), (1, -1, 0, POSE), (8, 2, 0, OTHER), (10, 3, 2, OTHER)],
     ),
+    "a copy that the network delays by 100 ms": (
+        ["1: >1 =2 <3 answered, answered"],
+        [(0, 1, 0, MOVE), (100, 1, 0, MOVE), (101, -1, 0, POSE)],
+    ),
+    "the same bytes after more than 100 ms are no copy": (
+        ["1: >1 unanswered, unanswered", "2: >2 <3 answered, answered"],
+        [(0, 1, 0, MOVE), (100.000001, 1, 0, MOVE), (101, -1, 0, POSE)],
+    ),
+    "the serial of a first try that was never seen is free when its call has settled": (
+        ["1: >>1 <2 answered, cannot tell", "2: >3 <4 answered, answered"],
+        [(0, 2, 1, MOVE), (1, -2, 0, POSE), (6000, 1, 0, MOVE), (6001, -1, 0, POSE)],
+    ),
     "the capture ends first, but a reply was late already": (
         ["1: >1 >>2 late<3 capture_ended, reply late"],
         [(0, 1, 0, MOVE), (2, 2, 1, MOVE), (2.5, -1, 0, POSE)],
@@ -300,6 +316,24 @@ def test_a_serial_used_again_on_tcp_while_the_server_is_at_the_first() -> None:
     assert summaries(script.track()) == [
         "1: >1 ...3 late<4 unanswered, reply late",
         "2: >2 <5 answered, answered",
+    ]
+
+
+def test_a_reply_on_tcp_to_a_settled_call_whose_serial_was_used_again_is_a_stray() -> None:
+    script = Script()
+    client = script.client(transport=Transport.TCP)
+    client.ask(0, 7, 0, MOVE)
+    client.ask(3000, 7, 0, OTHER)
+    client.ask(3600, 8, 0, MOVE)
+    client.reply(3601, 8, 0, 0, POSE)
+    client.reply(9000, 7, 0, 0, POSE)
+    client.reply(9001, 7, 0, 0, r8s(3.0, 4.0))
+    assert summaries(script.track()) == [
+        "1: >1 unanswered, unanswered",
+        "2: >2 unanswered, unanswered",
+        "3: >3 <4 answered, answered",
+        "stray 5 of 1",
+        "stray 6 of 2",
     ]
 
 
@@ -446,3 +480,36 @@ def test_a_reply_that_comes_long_after_its_call_settled_names_it() -> None:
         "stray 4 of 1",
     ]
     assert [stray.observation.number for stray in strays_of(settled)] == [4]
+
+
+def test_a_large_call_that_settles_leaves_the_newest_call_as_it_is() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, slv_move(*[0.0] * (LARGE_CALL // 8)))
+    client.ask(1, 2, 0, OTHER)
+    client.reply(2, 1)
+    client.ask(200, 3, 0, MOVE)
+    client.reply(201, 3)
+    assert summaries(script.track()) == [
+        "1: >1 <3 answered, answered",
+        "2: >2 unanswered, unanswered",
+        "3: >4 <5 answered, answered",
+    ]
+
+
+def test_the_budget_holds_the_bytes_of_all_open_calls() -> None:
+    budget = ByteBudget()
+    client = Script().client()
+    pairing = ConversationPairing(client.conversation, 0, budget)
+    held = [0]
+    for request in (client.ask(0, 1, 0, MOVE), client.ask(20, 2, 1, MOVE), client.ask(40, 3, 0, OTHER)):
+        pairing.add_request(request, request.item, request.number)  # type: ignore[arg-type]  # a frame
+        assert budget.held == pairing.memory_bytes
+        held.append(budget.held)
+    for reply in (client.reply(41, 3), client.reply(42, 2), client.reply(43, 1)):
+        pairing.add_reply(reply, reply.item)  # type: ignore[arg-type]  # a frame
+        assert budget.held == pairing.memory_bytes
+        held.append(budget.held)
+    assert held == sorted(set(held))
+    assert len(list(pairing.close(0))) == 2
+    assert budget.held == 0

@@ -55,6 +55,18 @@ def test_a_gap_in_the_replies_may_hold_the_reply(waits: float) -> None:
     assert not calls[0].surely_unanswered
 
 
+def test_a_cut_reply_may_answer_the_retry_of_an_answered_call() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, MOVE)
+    client.reply(1, 1)
+    client.ask(200, 2, 1, MOVE)
+    client.see(201, Direction.RESPONSE, CUT)
+    client.ask(8000, 3, 0, OTHER)
+    client.reply(8001, 3)
+    assert outcomes(script) == ["not_captured", "answered"]
+
+
 def test_a_gap_after_a_later_reply_does_not_hold_an_earlier_one() -> None:
     script = Script()
     client = script.client(transport=Transport.TCP)

@@ -21,7 +21,7 @@ class Stage:
 
     def __init__(self, *, first_attempt: bool = True) -> None:
         self.client = Script().client()
-        self.pairing = ConversationPairing(self.client.conversation)
+        self.pairing = ConversationPairing(self.client.conversation, latest_evicted=0)
         self.started = 0
         if first_attempt:
             self.add(self.client.ask(0, 10, 0, MOVE))

@@ -27,6 +27,11 @@ CONVENTIONS: dict[str, tuple[Transport, list[tuple[int, int, object]], list[str]
         ["chain"],
     ),
     "the own serial": (Transport.UDP, [(1, 1, MOVE), (2, 1, MOVE), (3, 1, MOVE)], ["own"]),
+    "the own serial, in a first try that a retry overtook": (
+        Transport.UDP,
+        [(2, 1, MOVE), (1, 1, MOVE)],
+        ["own"],
+    ),
     "another client on the same port": (Transport.UDP, [(1, 1, MOVE), (2, 0, OTHER)], ["unknown"] * 2),
     "first tries never seen, one before named": (Transport.UDP, [(8, 7, MOVE), (9, 8, MOVE)], ["chain"]),
     "first tries never seen, the first named": (Transport.UDP, [(8, 7, MOVE), (9, 7, MOVE)], ["unknown"]),
@@ -66,3 +71,14 @@ def test_what_replies_carry_is_noted(asked: int, answered: int, expected: ReplyR
     client.ask(0, 1, asked, MOVE)
     client.reply(1, 1, answered)
     assert calls_of(script.track())[0].reply_reserved is expected
+
+
+@pytest.mark.parametrize("answered", [(0, 2), (1, 0)])
+def test_the_first_reply_that_shows_what_replies_carry_decides(answered: tuple[int, int]) -> None:
+    script = Script()
+    client = script.client()
+    for serial, reserved in enumerate(answered, 1):
+        client.ask(8 * serial, serial, serial, MOVE)
+        client.reply(8 * serial + 1, serial, reserved)
+    expected = ReplyReserved.ECHOED if answered[0] else ReplyReserved.ZERO
+    assert [call.reply_reserved for call in calls_of(script.track())] == [expected] * 2

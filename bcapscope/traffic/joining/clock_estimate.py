@@ -81,15 +81,15 @@ class ClockEstimator:
     def _curve(self) -> ClockEstimate:
         """Return an estimate for a drift that changes: the middle between the bounds in each time segment."""
         most, least = self._most.lowest, self._least.lowest
-        middles, error = {}, 0
-        for segment in sorted(most.keys() & least.keys()):
+        segments = sorted(most.keys() & least.keys())
+        if not segments:
+            return ClockEstimate((self._most.corners[0],), UNKNOWN_ERROR_NS)
+        points, errors = [], []
+        for segment in segments:
             (ahead, time), (behind, other_time) = most[segment], least[segment]
-            middles[(time + other_time) // 2] = (ahead - behind) // 2
-            error = max(error, (abs(ahead + behind) + 1) // 2)
-        if not middles:  # no segment has both requests and replies
-            time, ahead = self._most.corners[0]
-            return ClockEstimate(((time, ahead),), UNKNOWN_ERROR_NS)
-        return ClockEstimate(tuple(sorted(middles.items())), error)
+            points.append(((time + other_time) // 2, (ahead - behind) // 2))
+            errors.append((abs(ahead + behind) + 1) // 2)
+        return ClockEstimate(tuple(points), max(errors))
 
 
 class _UpperBound:
@@ -109,7 +109,9 @@ class _UpperBound:
         self.lowest[segment] = min(self.lowest.get(segment, (value, time)), (value, time))
         corners = self.corners
         if corners and time <= corners[-1][0]:
-            return
+            if time < corners[-1][0]:
+                return
+            value = min(value, corners.pop()[1])
         while len(corners) > 1:
             (first, low), (second, middle) = corners[-2:]
             if (second - first) * (value - low) > (middle - low) * (time - first):
@@ -122,9 +124,9 @@ class _OffsetBounds:
     """Bounds for the clock offset. Private methods count times from `_began` and offsets from `_offset`."""
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
-        self._began = min(most[0][0], least[0][0])
-        self._ended = max(most[-1][0], least[-1][0])
-        self._offset = most[0][1]
+        times = [time for time, _ in (*most, *least)]
+        self._began, self._ended = min(times), max(times)
+        self._offset = min(ahead for _, ahead in most)
         self._most = [(float(time - self._began), float(ahead - self._offset)) for time, ahead in most]
         self._least = [(float(time - self._began), float(-ahead - self._offset)) for time, ahead in least]
 
@@ -135,13 +137,13 @@ class _OffsetBounds:
             return None
         slowest = _last_sound(self._width, best, -MAX_DRIFT)
         fastest = _last_sound(self._width, best, MAX_DRIFT)
-        points, error = [], 0.0
+        points, errors = [], []
         for time in dict.fromkeys((self._began, self._ended)):
             most, least = self._limits_at(time - self._began, slowest, fastest)
             points.append((time, self._offset + round((most + least) / 2)))
-            error = max(error, (most - least) / 2)
-        is_known = slowest > 0 or fastest < 0
-        return ClockEstimate(tuple(points), round(error) + 1, (slowest + fastest) / 2 if is_known else None)
+            errors.append((most - least) / 2)
+        drift = (slowest + fastest) / 2 if slowest * fastest > 0 else None
+        return ClockEstimate(tuple(points), round(max(errors)) + 1, drift)
 
     def _limits_at(self, time: int, slowest: float, fastest: float) -> tuple[float, float]:
         """Return the highest and the lowest possible offset at `time` if the offset changes linearly."""
@@ -179,8 +181,6 @@ def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> 
     """Return the number nearest to `bound` at which the concave function `value` is not negative. The
     search begins at `sound`, where `value` is not negative.
     """
-    if value(bound) >= 0:
-        return bound
     for _ in range(_STEPS):
         middle = (sound + bound) / 2
         if value(middle) >= 0:

@@ -208,11 +208,10 @@ class PlaceMerger:
         return True
 
     def _forget(self, key: tuple[Direction, bytes], waiting: _Waiting) -> None:
-        others = self._by_bytes.get(key)
-        if others is not None and waiting in others:
-            others.remove(waiting)
-            if not others:
-                del self._by_bytes[key]
+        others = self._by_bytes[key]
+        others.remove(waiting)
+        if not others:
+            del self._by_bytes[key]
 
     def _find_changed(self, waiting: _Waiting) -> _Waiting | None:
         """Return the waiting frame from the other place that has the serial and direction of `waiting`."""
