@@ -24,6 +24,7 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import connect_datagrams, listen_on, local_address_for
 from bcapscope.traffic.observation import Endpoint, Transport
+from tests.english import decoded
 from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
 from tests.proxy.test_rule_policy import rules
 
@@ -71,6 +72,8 @@ def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
         for _ in range(5):
             client.send(b"anybody?")
         eventually(lambda: "refuses datagrams" in proxy.notices())
+        (session,) = proxy.relay.sessions.values()
+        assert session.upstream_state == "refused"
         with datagrams(port) as server:
             client.send(b"now?")
             heard, way = server.recvfrom(100)
@@ -78,6 +81,7 @@ def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
                 heard, way = server.recvfrom(100)
             server.sendto(b"here", way)
             assert client.recv(100) == b"here"
+            assert session.upstream_state == "open"
         assert proxy.notices().count("refuses datagrams") == 1
 
 
@@ -95,6 +99,41 @@ def test_silent_clients_are_forgotten_and_may_come_again() -> None:
         heard, other = server.recvfrom(100)
         assert heard == b"two"
         assert other != way
+
+
+def test_a_client_that_has_spoken_twice_may_come_again_too() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", forget_after=1_000_000_000) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        client.send(b"two")
+        assert server.recv(100) == b"one"
+        _, way = server.recvfrom(100)
+        eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED), "forgetting")
+        assert decoded(proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data) == "silent for 1 s"
+        client.send(b"three")
+        heard, other = server.recvfrom(100)
+        assert heard == b"three"
+        assert other != way
+
+
+def test_requests_from_before_the_start_are_not_forwarded() -> None:
+    with datagrams() as server, datagrams() as client:
+        relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + (1 << 16)))))
+        (spec,) = parse_listener_specs(["127.0.0.1:0"], [f"127.0.0.1:{port_of(server)}"], "udp", [])
+        address, listeners = open_listeners(relay, spec)
+        for _ in range(3):
+            client.sendto(b"old", address)
+        relay.listen(listeners)
+        client.sendto(b"new", address)
+        proxy = Running(relay, address, RingReader(memoryview(bytearray(RING_OVERHEAD + 1024))))
+        try:
+            assert server.recv(100) == b"new"
+        finally:
+            proxy.stop()
+            relay.close()
 
 
 @contextmanager
