@@ -340,11 +340,11 @@ class _Parser:
         opening = self.advance()
         if not opening.is_sign("(", "["):
             self.fail_at(opening, Message("filter.no-choices"))
-        literals = [self.advance()]
-        operands.check_literal(subject, literals[0])
-        while self.accept(","):
-            literals.append(self.advance())
-            operands.check_literal(subject, literals[-1])
+        literals: list[Token] = []
+        while not literals or self.accept(","):
+            literal = self.advance()
+            operands.check_literal(subject, literal)
+            literals.append(literal)
         closing = ")" if opening.text == "(" else "]"
         self.expect(closing, Message("filter.no-comma", closing=closing))
         return literals

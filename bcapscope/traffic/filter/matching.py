@@ -144,9 +144,9 @@ def equality(wanted: Sequence[Match], negated: bool) -> Match:
     """Match any of the `wanted` literals, or none if `negated`. A value of another type never matches."""
     if not negated:
         return any_of(wanted)
-    if len(wanted) == 1:
-        (only,) = wanted
-        return lambda value: only(value) is False
+    first, *others = wanted
+    if not others:
+        return lambda value: first(value) is False
 
     def match(value: object) -> bool:
         results = {equal(value) for equal in wanted}
@@ -156,8 +156,9 @@ def equality(wanted: Sequence[Match], negated: bool) -> Match:
 
 
 def any_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
-    if len(tests) == 1:
-        return tests[0]
+    first, *others = tests
+    if not others:
+        return first
 
     def test(value: object) -> bool:
         for one in tests:  # noqa: SIM110  # twice as fast as any() over a generator
@@ -169,8 +170,9 @@ def any_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
 
 
 def all_of(tests: Sequence[Callable[[Any], T]]) -> Callable[[Any], T | bool]:
-    if len(tests) == 1:
-        return tests[0]
+    first, *others = tests
+    if not others:
+        return first
 
     def test(value: object) -> bool:
         for one in tests:  # noqa: SIM110  # twice as fast as all() over a generator
@@ -218,9 +220,10 @@ def _has_number(wanted: int | float) -> Match:
         items = elements(value)
         if isinstance(items, bytes):
             return is_byte and int(wanted) in items
-        if not items or isinstance(items[0], (Argument, Variant)):
+        first = next(iter(items), None)
+        if isinstance(first, (Argument, Variant)):
             return any(equal(plain_value(item)) for item in items)
-        return not isinstance(items[0], bool) and wanted in items
+        return not isinstance(first, bool) and wanted in items
 
     return match
 

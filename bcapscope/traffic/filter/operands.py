@@ -98,8 +98,7 @@ def search(compared: ComparedField, literal: Token) -> Match:
         return matches.search(literal.text)
     except ValueError as error:
         reason, part = error.args
-        found = compared.expression.find(part, literal.start, literal.stop) if part else -1
-        position = literal.start if found < 0 else found
+        position = max(compared.expression.find(part, literal.start, literal.stop), literal.start)
         invalid = Message("filter.search-invalid", reason=reason)
         raise FilterError(compared.expression, position, invalid) from error
 
@@ -222,12 +221,13 @@ def _plain_number(compared: ComparedField, token: Token) -> int | float:
 def _nanoseconds(compared: ComparedField, token: Token) -> Number:
     value = Fraction(int_of(token)) if _is_hex(token) else Fraction(token.text)
     unit = token.unit or compared.field.unit
-    if not unit and value:
-        compared.fail_at(token, Message("filter.no-unit", name=compared.name, number=token.text))
-    if unit and unit not in UNITS:
+    if unit in UNITS:
+        value *= UNITS[unit]
+    elif unit:
         unknown = Message("filter.unknown-unit", unit=f"{unit!r}")
         compared.fail_at(token.start + len(token.text), unknown)
-    value *= UNITS[unit] if unit else 1
+    elif value:
+        compared.fail_at(token, Message("filter.no-unit", name=compared.name, number=token.text))
     return value.numerator if value.denominator == 1 else value
 
 

@@ -52,7 +52,7 @@ def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Messa
     if len(word) > _LONGEST_MISSPELT:
         return reason
     by_folded = {candidate.casefold(): candidate for candidate in candidates}
-    found = difflib.get_close_matches(word.casefold(), by_folded, n=1)
+    found = difflib.get_close_matches(word.casefold(), by_folded)
     return Message("input.similar", reason=reason, name=by_folded[found[0]]) if found else reason
 
 

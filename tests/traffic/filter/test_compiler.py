@@ -109,6 +109,7 @@ FOUND = [
     "frame == 12.0",
     "serial > 6.5 and serial < 7.5",
     "serial >= 7 and serial <= 7",
+    "serial < " + "9" * 40,
     "serial not in (1, 2, 3)",
     "serial in (1, 7)",
     "reserved != serial",
@@ -122,6 +123,7 @@ FOUND = [
     "hresult >= 0x80000000",
     "hresult < 0",
     "hresult > S_OK",
+    "hresult < 2147483647",
     "hresult",
     "hresult != null",
     "src == 10.0.0.2",
@@ -178,6 +180,7 @@ NOT_FOUND = [
     "reserved == serial",
     "hresult == S_OK",
     "hresult < 0x80000000",
+    "hresult < 2147483648",
     "hresult > 0",
     "hresult == null",
     "src == 10.0.0.3",
@@ -337,6 +340,8 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("serial == 5 & frame == 2", 12, "write &&"),
         ("serial == 5 | frame == 2", 12, "write ||"),
         ("serial ==", 9, "the value to compare serial with is missing"),
+        ("serial <", 8, "the value to compare serial with is missing"),
+        ("command contains", 16, "the value to compare command with is missing"),
         ("serial == == 5", 10, "expected a value, not '=='"),
         ("command == and", 11, "put it in quotes"),
         ("serial == 5 frame", 12, "expected and, or, or the end"),
@@ -401,6 +406,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ('command ~ "x(?<=a)b"', 12, "invalid perl operator"),
         (r'command ~ "(a)\1"', 14, "invalid escape sequence"),
         ('command ~ "a{1000}{1000}"', 12, "bad repetition"),
+        (r'command ~ "a\x28b"', 10, "missing )"),
         ("command ~ 10.0.0.2", 10, "put the regular expression in quotes"),
         ("command ~", 9, "is missing"),
         ('command == "slv', 11, "no closing quote"),
@@ -432,13 +438,16 @@ def test_nesting_is_bounded_and_length_alone_is_not_depth() -> None:
     deepest = "(" * DEEPEST_PARENTHESES + "serial == 7" + ")" * DEEPEST_PARENTHESES
     assert holds(deepest, FRAME)
     error = error_of("not (" * 1300 + "serial" + ")" * 1300)
-    assert "levels of parentheses" in str(error.reason)
+    assert str(error.reason) == "more than 40 levels of parentheses"
     assert error.position == 5 * DEEPEST_PARENTHESES + 4
     assert holds("not " * 2000 + "true", {})
     assert holds(" or ".join(["false"] * 800 + ["true"]), {})
     assert not holds(" && ".join(["true"] * 800 + ["false"]), {})
     assert holds("serial in (" + ",".join(map(str, range(1500))) + ")", FRAME)
-    assert "longer than" in str(error_of("true or " * 1100 + "true").reason)
+    assert holds("(true) and " * 50 + "true", {})
+    assert error_of(f"(true) and ({deepest})").position == len("(true) and ") + DEEPEST_PARENTHESES
+    assert holds("true" + " " * 8188, {})
+    assert "the limit of 8192" in str(error_of("true" + " " * 8189).reason)
     assert not holds("arg" + "[0]" * 2000 + " == 1", FRAME)
 
 
@@ -465,6 +474,16 @@ def test_re2_is_imported_only_for_a_regular_expression() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True"]
+
+
+def test_a_list_of_numbers_contains_only_numbers() -> None:
+    error = error_of("requests contains five", RecordKind.CALL)
+    assert (error.position, "'five' is not" in str(error.reason)) == (18, True)
+
+
+def test_a_record_without_a_time_has_no_time_since_the_first() -> None:
+    test = compile_filter("t >= 0", RecordKind.FRAME).bind({"time": itemgetter("time")}, lambda: 5)
+    assert [test({"time": time}) for time in (5, None, 4)] == [True, False, False]
 
 
 def test_a_filter_names_what_it_reads() -> None:

@@ -69,6 +69,7 @@ def test_a_frame_and_its_meaning() -> None:
     request, refusal = frames[2], frames[8]
     assert request.frame is request.observation.item
     assert (request.number, request.time) == (request.observation.number, request.observation.time)
+    assert request.conversation is request.observation.flow.conversation
     assert request.raw == encode_frame(2, 0, *MOVE)
     assert (request.kind, request.problems, request.hresult) == ("request", (), None)
     assert (request.function, request.command) == ("Robot_Execute", "slvMove")

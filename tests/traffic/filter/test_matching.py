@@ -74,6 +74,14 @@ def test_codes_are_equal_however_signed() -> None:
     assert not matches.code(1)(True)
     assert matches.code_order("<", 0, True)(0x80070006)
     assert not matches.code_order("<", 0, False)(0x80070006)
+    assert matches.code_order(">", 0, True)(1)
+    assert matches.code_order(">", 0, False)(1)
+
+
+def test_an_address_of_either_leg_matches() -> None:
+    legs = (Endpoint("10.0.0.1", 5007), Endpoint("10.0.0.2", 5008))
+    assert matches.endpoint(V4, 5008)(legs) is True
+    assert matches.endpoint(V4, 5007)(legs) is False
 
 
 def test_text_is_compared_without_regard_to_case() -> None:
@@ -88,6 +96,8 @@ def test_text_is_compared_without_regard_to_case() -> None:
     [
         (3, b"\x01\x03", True),
         (3.0, b"\x01\x03", True),
+        (0, b"\x00", True),
+        (255, b"\xff", True),
         (3.5, b"\x01\x03", False),
         (256, b"\x00\xff", False),
         (-1, b"\xff", False),

@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 
 from bcapscope.traffic.filter import operands
-from bcapscope.traffic.filter.field_table import FIELD_BY_NAME
+from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, FieldType, FilterField, RecordKind
 from bcapscope.traffic.filter.matching import Match
 from bcapscope.traffic.filter.operands import ComparedField
 from bcapscope.traffic.filter.tokens import FilterError, tokenize
@@ -58,6 +58,16 @@ def test_the_error_of_a_duration_is_at_its_unit(name: str, literal: str, positio
     with pytest.raises(FilterError) as caught:
         equal_to(name, literal)
     assert caught.value.position == position
+
+
+@pytest.mark.parametrize(("count", "is_listed"), [(5, True), (6, False)])
+def test_an_error_lists_a_few_possible_words(count: int, is_listed: bool) -> None:
+    words = ("alpha", "beta", "gamma", "delta", "epsilon", "zeta")[:count]
+    field = FilterField("letter", FieldType.TEXT, (RecordKind.FRAME,), "a letter", values=words)
+    subject = ComparedField("letter == xyz", field, "letter", field.type, 0)
+    with pytest.raises(FilterError) as caught:
+        operands.equality(subject, [tokenize(subject.expression)[2]], negated=False)
+    assert (", ".join(words) in str(caught.value.reason)) is is_listed
 
 
 @pytest.mark.parametrize("name", ["latency", "serial", "hresult", "serials"])

@@ -80,6 +80,7 @@ def test_tokens_lie_one_behind_the_other(text: str) -> None:
         ("e\u0301 x", 3, "why\n  e\u0301 x\n    ^"),
         ("a\n\tb", 3, "why\n  a  b\n     ^"),
         ("a\x1b[31m\u202e\ud800 x", 9, "why\n  a\ufffd[31m\ufffd\ufffd x\n           ^"),
+        ("!" + "b" * 59, 0, f"why\n  !{'b' * 59}\n  ^"),
         ("a" * 100 + "!" + "b" * 100, 100, f"why\n  …{'a' * 60}!{'b' * 59}…\n  {' ' * 61}^"),
     ],
 )
@@ -94,3 +95,5 @@ def test_nearest_name() -> None:
     assert found("latncy", "latency", "rtt") == "why, did you mean 'latency'?"
     assert found("ROBOT_EXCEUTE", "Robot_Execute", "Robot_Move") == "why, did you mean 'Robot_Execute'?"
     assert found("zzz", "latency", "rtt") == "why"
+    assert found("x" * 60, "X" * 60) == f"why, did you mean '{'X' * 60}'?"
+    assert found("x" * 61, "X" * 61) == "why"
