@@ -7,9 +7,10 @@ import os
 import select
 import socket
 import struct
+import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
@@ -279,6 +280,35 @@ def test_a_listener_that_accepts_nobody_says_so_once_until_it_accepts_a_client(
         proxy.stop()
         eventually(proxy.notices)
         assert proxy.notices().count("cannot accept clients on") == 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems keep more connections waiting")
+def test_a_controller_that_does_not_answer_for_10_s_is_given_up() -> None:
+    with ExitStack() as stack, socket.socket() as door:
+        door.bind(("127.0.0.1", 0))
+        door.listen(0)
+        for _ in range(3):  # the system accepts no further connection, and does not refuse it either
+            waiting = stack.enter_context(socket.socket())
+            waiting.setblocking(False)
+            waiting.connect_ex(door.getsockname())
+        proxy = stack.enter_context(running(port_of(door), "tcp"))
+        client = stack.enter_context(socket.create_connection(proxy.address, PATIENCE))
+        eventually(lambda: proxy.relay.sessions)
+        (session,) = proxy.relay.sessions.values()
+        proxy.stop()
+        assert session.upstream_state == "connecting"
+        session.sweep(session.last_heard + 10_000_000_000)
+        assert proxy.relay.sessions
+        session.sweep(session.last_heard + 10_000_000_001)
+        assert not proxy.relay.sessions
+        eventually(lambda: "timed out" in proxy.notices())
+        with pytest.raises(ConnectionResetError):
+            client.recv(1)
+
+
+def test_the_state_of_a_connection_is_known() -> None:
+    with connected() as (_client, _server, proxy):
+        eventually(lambda: [each.upstream_state for each in proxy.relay.sessions.values()] == ["connected"])
 
 
 def test_who_ended_its_side_may_wait_for_a_reply_as_long_as_a_call_takes() -> None:
