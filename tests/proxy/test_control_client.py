@@ -5,11 +5,13 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 
 import orjson
 import pytest
 
+from bcapscope.messages.message import foreign_text
+from bcapscope.proxy import control_client
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
@@ -96,6 +98,33 @@ def test_after_a_reset_it_connects_again() -> None:
                     client.request(control.GetStats(), control.ProxyStats)
         thread.join(PATIENCE)
         assert not thread.is_alive()
+
+
+def test_an_answer_that_comes_too_slowly_is_not_awaited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control_client, "ANSWERS_WITHIN", 0.3)
+    given_up = threading.Event()
+
+    def drip() -> None:
+        connection, _address = server.accept()
+        with connection, suppress(OSError):
+            while not given_up.wait(0.05):
+                connection.sendall(b" ")
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=drip)
+        thread.start()
+        with closing(ControlClient(f"127.0.0.1:{server.getsockname()[1]}")) as client:
+            with pytest.raises(ControlError, match="timed out"):
+                client.request(control.GetStats(), control.ProxyStats)
+            given_up.set()
+        thread.join(PATIENCE)
+
+
+@pytest.mark.parametrize(("size", "shown"), [(1000, 1000), (1001, 1001), (5000, 1001)])
+def test_a_long_reason_is_cut(size: int, shown: int) -> None:
+    reason = str(ControlRefused(foreign_text("x" * size), b""))
+    assert len(reason) == shown
+    assert reason.endswith("…") is (size > 1000)
 
 
 @contextmanager
