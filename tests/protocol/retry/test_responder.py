@@ -222,6 +222,12 @@ def test_the_c_server_executes_the_second_retry_of_a_lost_first_packet() -> None
     assert _play(Responder(defects=Defect.FORGETS_FIRST), *none_lost) == "NEW REPEAT REPEAT REPEAT"
 
 
+def test_the_c_server_keeps_one_answer_only() -> None:
+    calls = [(1, 0, 0), (2, 0, 1), (1, 0, 0)]
+    assert _play(Responder(defects=Defect.FORGETS_FIRST), *calls) == "NEW NEW NEW"
+    assert _play(Responder(), *calls) == "NEW NEW REPEAT"
+
+
 def test_the_c_server_gives_the_old_answer_to_a_client_that_starts_anew() -> None:
     assert _play(Responder(defects=Defect.FORGETS_FIRST), (1, 0, 0), (1, 0, 1)) == "NEW REPEAT"
     assert _play(Responder(), (1, 0, 0), (1, 0, 1)) == "NEW NEW"
