@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 import socket
 import sys
 import time
@@ -13,10 +14,14 @@ import pytest
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.sockets import (
     ProxyListenError,
+    UnreachableError,
+    connect_datagrams,
     dropped_datagrams,
     keep_alive,
     listen_on,
+    local_address_for,
     prepare_datagrams,
+    resolve,
 )
 from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
@@ -72,3 +77,45 @@ def test_a_peer_that_has_vanished_is_noticed_within_minutes() -> None:
                 for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
             )
             assert idle + interval * count == 120
+
+
+@pytest.mark.parametrize("transport", Transport)
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_a_socket_for_clients_blocks_nobody_and_leaves_other_families_alone(
+    host: str, transport: Transport
+) -> None:
+    with listen_on(Endpoint(host, 0), transport) as sock:
+        assert sock.gettimeout() == 0.0
+        assert sock.getsockname()[0] == host
+        if host == "::1":
+            assert sock.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY)
+        if transport is Transport.TCP and sys.platform == "linux":
+            assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="buffers and times differ elsewhere")
+def test_a_socket_toward_the_controller_has_times_and_room() -> None:
+    with datagrams() as server, datagrams() as plain:
+        family, address = resolve(Endpoint(*server.getsockname()), Transport.UDP)
+        with connect_datagrams(family, address) as sock:
+            assert (sock.gettimeout(), sock.getpeername()) == (0.0, server.getsockname())
+            room, usual = (each.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) for each in (sock, plain))
+            assert room > usual
+            server.sendto(b"x", sock.getsockname())
+            assert select.select([sock], (), (), 10)[0]
+            _, control, _, _ = receive_function(sock)(100, ANCILLARY_SIZE)
+            assert kernel_timestamp(control, 0)
+
+
+@pytest.mark.parametrize("transport", Transport)
+def test_a_controller_has_an_address(transport: Transport) -> None:
+    assert resolve(Endpoint("127.0.0.1", 5007), transport) == (socket.AF_INET, ("127.0.0.1", 5007))
+    with pytest.raises(UnreachableError, match="no-such-host"):
+        resolve(Endpoint("no-such-host.invalid", 5007), transport)
+
+
+@pytest.mark.parametrize(("listens", "reached"), [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1")])
+def test_a_client_reaches_the_address_that_leads_to_it(listens: str, reached: str) -> None:
+    with listen_on(Endpoint(listens, 0), Transport.UDP) as sock, datagrams() as client:
+        port = sock.getsockname()[1]
+        assert local_address_for(sock, client.getsockname()) == Endpoint(reached, port)
