@@ -77,11 +77,20 @@ def test_a_reply_shows_that_the_controller_received_the_call(
         client.reply(time, serial, 0, code)
     (call,) = calls_of(script.track())
     assert call.was_received is received
+    assert call.was_executed is any(code == S_EXECUTING for _, _, code in replies)
 
 
 @pytest.mark.parametrize(
     ("captured", "unseen", "latest"),
-    [(20, (), 20), (20, (21, 22), 22), (20, (19,), 20), (65535, (1,), 1), (1, (65535,), 1)],
+    [
+        (20, (), 20),
+        (20, (21, 22), 22),
+        (20, (19,), 20),
+        (65535, (1,), 1),
+        (1, (65535,), 1),
+        (20, (20 + 0x7FFF,), 20 + 0x7FFF),
+        (20, (20 + 0x8000,), 20),
+    ],
 )
 def test_the_latest_attempt_may_be_one_that_was_not_captured(
     captured: int, unseen: tuple[int, ...], latest: int

@@ -9,7 +9,7 @@ import pytest
 from bcapscope.traffic.call import Call, CallState, FrameRole
 from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
+from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent, copy_event
 from tests.traffic.playbook import MOVE, OTHER, POSE, S_EXECUTING, START, Script, r8s
 
 OPEN = (CallState.WAITING, CallState.EXECUTING, CallState.ANSWERED, CallState.ABANDONED)
@@ -137,3 +137,19 @@ def test_the_fast_way_of_a_plain_reply_ends_in_the_same_state(retries: bool) -> 
     assert stage.call.reply is not None
     (settled,) = stage.pairing.pop_settled(START + 10**12)
     assert settled.state is TRANSITIONS[CallState.ANSWERED, CallEvent.EXPIRY].state
+
+
+@pytest.mark.parametrize(
+    ("later", "event"),
+    [
+        (0, CallEvent.CAPTURED_AGAIN),
+        (1_000_000, CallEvent.CAPTURED_AGAIN),
+        (1_000_001, CallEvent.COPY),
+    ],
+)
+def test_a_copy_within_one_millisecond_was_captured_again(later: int, event: CallEvent) -> None:
+    assert copy_event(START + later, START) is event
+
+
+def test_a_client_waits_in_the_states_in_which_it_can_begin_a_call() -> None:
+    assert AWAITING_REPLY == {CallState.WAITING, CallState.EXECUTING, CallState.UNANSWERED}
