@@ -152,4 +152,5 @@ def test_a_copy_within_one_millisecond_was_captured_again(later: int, event: Cal
 
 
 def test_a_client_waits_in_the_states_in_which_it_can_begin_a_call() -> None:
-    assert AWAITING_REPLY == {CallState.WAITING, CallState.EXECUTING, CallState.UNANSWERED}
+    waiting = {CallState.WAITING, CallState.EXECUTING, CallState.UNANSWERED}
+    assert waiting == AWAITING_REPLY
