@@ -58,6 +58,8 @@ def calls(*made: tuple[tuple[int, tuple[Variant, ...]], int | None], port: int =
         (MOVE, OVERFLOW, SlaveModeEffect.SET_POINT),
         (MOVE, UNDERFLOW, SlaveModeEffect.SET_POINT_FAILED),
         (MOVE, OFF, SlaveModeEffect.FOUND_OFF),
+        (MOVE, 0x83501033, SlaveModeEffect.FOUND_OFF),
+        (MOVE, 0x8120184E, SlaveModeEffect.FOUND_OFF),
         (ENTER, 0, SlaveModeEffect.MODE_CHANGED),
         (ENTER, None, SlaveModeEffect.MODE_CHANGED),
         (ENTER, REFUSED, None),
@@ -65,6 +67,11 @@ def calls(*made: tuple[tuple[int, tuple[Variant, ...]], int | None], port: int =
         (STOP, None, SlaveModeEffect.SESSION_BOUNDARY),
         (STOP, REFUSED, None),
         (RELEASE, 0, SlaveModeEffect.ROBOT_RELEASED),
+        (RELEASE, REFUSED, None),
+        (START_SERVICE, REFUSED, None),
+        ((17, (i4(1), text("slvMove"), i4(0))), 0, None),
+        ((17, (i4(1), text("slvMove"), i4(0))), OFF, SlaveModeEffect.ERROR),
+        ((EXECUTE, (i4(1),)), 0, None),
         (execute("CurJnt"), 0, None),
         (execute("CurJnt"), UNDERFLOW, SlaveModeEffect.ERROR),
         (execute("CurJnt"), REFUSED, None),
@@ -124,6 +131,28 @@ def test_a_client_whose_set_points_are_refused_is_not_in_slave_mode() -> None:
         tracker.on_call(call)
         in_slave_mode.append(list(tracker.clients_in_slave_mode()) == [call.conversation])
     assert in_slave_mode == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("made", "is_in_slave_mode"),
+    [
+        ([(MOVE, UNDERFLOW)], False),
+        ([(MOVE, OFF)], False),
+        ([(execute("CurJnt"), UNDERFLOW)], True),
+        ([(MOVE, OVERFLOW), (execute("CurJnt"), UNDERFLOW)], False),
+        ([(MOVE, UNDERFLOW), (ENTER, 0)], True),
+        ([(mode(i4(0)), 0)], False),
+        ([(RELEASE, 0)], False),
+        ([(mode(text("?")), 0)], True),
+    ],
+)
+def test_a_client_is_in_slave_mode_until_it_leaves_or_its_set_points_fail(
+    made: list[tuple[tuple[int, tuple[Variant, ...]], int | None]], is_in_slave_mode: bool
+) -> None:
+    tracker = SlaveModeTracker()
+    for call in calls((ENTER, 0), *made):
+        tracker.on_call(call)
+    assert list(tracker.clients_in_slave_mode()) == [call.conversation] * is_in_slave_mode
 
 
 def test_clients_are_bounded() -> None:
