@@ -153,9 +153,7 @@ def _lost_replies(call: Call) -> tuple[FrameObservation, ...]:
     return (*call.stray_replies, *call.lost_replies) if call.stray_replies else call.lost_replies
 
 
-def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
-    if call.sure_until is None:
-        return frames
+def _sure(call: Call, frames: Sequence[_FrameT]) -> list[_FrameT]:
     return [frame for frame in frames if call.surely_has(frame.item.serial)]
 
 
