@@ -281,7 +281,6 @@ class TcpSession(RelaySession):
             self._shut_sink_when_flushed(half)
         if self._relay.hides_end(self) and self._up.source_ended and self._down.source_ended:
             self._close(False, Message("client.ended-unheard"))
-        self._update_masks()
 
     def _forward_bytes(self, half: _HalfConnection, data: memoryview, received_at: int) -> None:
         ring = self._relay.ring

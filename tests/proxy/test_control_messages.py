@@ -133,6 +133,8 @@ def test_a_value_at_its_bound_is_read(field: str, value: object) -> None:
         ("number", -1),
         ("number", 2**63),
         ("waited_s", -1.1e9),
+        ("waited_s", 1_000_000_000.5),
+        ("left_s", -1_000_000_000.5),
         ("left_s", 1.1e9),
         ("client", "10.0.0.2"),
         ("client", "10.0.0.2:123456"),

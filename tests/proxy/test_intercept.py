@@ -174,6 +174,15 @@ def test_a_client_that_comes_again_makes_new_calls(is_closed: bool) -> None:
     assert len(intercept.held) == is_closed
 
 
+def test_no_more_than_1000_messages_are_held() -> None:
+    intercept = Intercept(FrameCondition.read("true"))
+    flow = talk(Transport.TCP).up
+    for _ in range(1000):
+        assert not intercept.is_full
+        intercept.hold_or_pass(1, message(flow, request(1)))
+    assert intercept.is_full
+
+
 def test_no_more_than_16_mib_are_held() -> None:
     intercept = Intercept(FrameCondition.read("true"))
     flow = talk(Transport.TCP).up

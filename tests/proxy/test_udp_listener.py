@@ -374,6 +374,8 @@ def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
         assert session.send(True, bytes(65536)) == 0
         assert proxy.relay.counts[RelayCounter.FULL] == 1
         eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.notices())
+        assert "refuses" not in proxy.notices()
+        assert session.upstream_state == "open"
         server.sendto(b"still there", way)
         assert client.recv(100) == b"still there"
 

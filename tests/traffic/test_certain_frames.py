@@ -110,3 +110,12 @@ def test_a_notice_for_an_earlier_attempt_restarts_no_wait() -> None:
     lines += [(27, -22, 0, POSE), (100, 30, 0, OTHER), (101, -30, 0, POSE), (108, 31, 30, OTHER)]
     call = tracked([*lines, (109, -31, 0, POSE)])[-1]
     assert call.verdict is LOST
+
+
+@pytest.mark.parametrize(("code", "was_executed"), [(0, False), (S_EXECUTING, True)])
+def test_a_reply_to_an_attempt_that_was_not_captured_shows_that_the_call_arrived(
+    code: int, was_executed: bool
+) -> None:
+    (call,) = tracked([(0, 20, 0, OTHER), (8, -21, code, POSE), (10, 22, 20, OTHER)])
+    assert (call.reply, [each.item.serial for each in call.stray_replies]) == (None, [21])
+    assert (call.was_received, call.was_executed) == (True, was_executed)

@@ -34,7 +34,8 @@ TWO_ATTEMPTS: list[tuple[object, ...]] = [(10, 2, 0, OTHER), (12, 3, 2, OTHER)]
         ([(10, 2, 0, OTHER), (110, 3, 2, OTHER)], 511, Outcome.UNANSWERED),
         ([*TWO_ATTEMPTS, (13, -3, S_EXECUTING)], 30_000, Outcome.CAPTURE_ENDED),
         (TWO_ATTEMPTS[:1], 30_000, Outcome.CAPTURE_ENDED),
-        (TWO_ATTEMPTS[:1], 200_000, Outcome.UNANSWERED),
+        (TWO_ATTEMPTS[:1], 180_009, Outcome.CAPTURE_ENDED),
+        (TWO_ATTEMPTS[:1], 180_011, Outcome.UNANSWERED),
     ],
 )
 def test_a_client_gives_up_a_few_timeouts_after_its_last_attempt(

@@ -71,7 +71,7 @@ def similar_command(function_id: int, name: str) -> str | None:
 def _similar_command(function_id: int, folded_name: str) -> str | None:
     known = {each.name.casefold(): each.name for each in commands_of(function_id)}
     close = get_close_matches(folded_name, known, n=1, cutoff=_LEAST_SIMILARITY)
-    return known[close[0]] if close else None
+    return next((known[name] for name in close), None)
 
 
 def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
