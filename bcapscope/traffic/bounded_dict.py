@@ -14,7 +14,6 @@ class BoundedDict(dict[Key, Value]):
     """
 
     def __init__(self, limit: int) -> None:
-        super().__init__()
         self._limit = limit
 
     def __setitem__(self, key: Key, value: Value) -> None:
