@@ -17,6 +17,7 @@ from tests.traffic.playbook import (
     Script,
     calls_of,
     execute,
+    play,
 )
 
 
@@ -58,16 +59,16 @@ def test_calls_without_trouble() -> None:
 
 
 @pytest.mark.parametrize(
-    ("replies", "received"),
+    ("replies", "received", "executed"),
     [
-        pytest.param([(9.0, 1, 0)], True, id="answered"),
-        pytest.param([(9.0, 1, S_EXECUTING)], True, id="noticed"),
-        pytest.param([(9.0, 1, 0), (9.5, 2, 0)], True, id="late"),
-        pytest.param([], False, id="unanswered"),
+        pytest.param([(9.0, 1, 0)], True, False, id="answered"),
+        pytest.param([(9.0, 1, S_EXECUTING)], True, True, id="noticed"),
+        pytest.param([(9.0, 1, 0), (9.5, 2, 0)], True, False, id="late"),
+        pytest.param([], False, False, id="unanswered"),
     ],
 )
 def test_a_reply_shows_that_the_controller_received_the_call(
-    replies: list[tuple[float, int, int]], received: bool
+    replies: list[tuple[float, int, int]], received: bool, executed: bool
 ) -> None:
     script = Script()
     client = script.client()
@@ -76,7 +77,18 @@ def test_a_reply_shows_that_the_controller_received_the_call(
     for time, serial, code in replies:
         client.reply(time, serial, 0, code)
     (call,) = calls_of(script.track())
-    assert call.was_received is received
+    assert (call.was_received, call.was_executed) == (received, executed)
+
+
+@pytest.mark.parametrize(("code", "executed"), [(0, False), (S_EXECUTING, True)])
+def test_a_reply_to_an_uncaptured_attempt_shows_that_the_controller_received_the_call(
+    code: int, executed: bool
+) -> None:
+    script = Script()
+    play(script, [(0, 20, 0, MOVE), (16, -21, code), (24, 22, 20, MOVE)])
+    (call,) = calls_of(script.track())
+    assert (call.reply, len(call.stray_replies)) == (None, 1)
+    assert (call.was_received, call.was_executed) == (True, executed)
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,7 @@ from tests.traffic.playbook import (
 )
 
 OFF, UNDERFLOW, OVERFLOW, MOTOR_OFF, REFUSED = 0x83500121, 0x84201482, 0x83201483, 0x84400000, 0x80004005
+CONTROLLER_EXECUTE = 17
 RELEASE = ROBOT_RELEASE, (i4(1),)
 STOP = SERVICE_STOP, ()
 
@@ -58,6 +59,10 @@ def calls(*made: tuple[tuple[int, tuple[Variant, ...]], int | None], port: int =
         (MOVE, OVERFLOW, SlaveModeEffect.SET_POINT),
         (MOVE, UNDERFLOW, SlaveModeEffect.SET_POINT_FAILED),
         (MOVE, OFF, SlaveModeEffect.FOUND_OFF),
+        (MOVE, 0x83501033, SlaveModeEffect.FOUND_OFF),
+        (MOVE, 0x8120184E, SlaveModeEffect.FOUND_OFF),
+        ((CONTROLLER_EXECUTE, MOVE[1]), 0, None),
+        ((EXECUTE, (i4(1),)), 0, None),
         (ENTER, 0, SlaveModeEffect.MODE_CHANGED),
         (ENTER, None, SlaveModeEffect.MODE_CHANGED),
         (ENTER, REFUSED, None),
@@ -90,6 +95,7 @@ def test_what_a_call_means(
         (RELEASE, 0, (), 0x202),
         (MOVE, UNDERFLOW, (1,), 0),
         (MOVE, OVERFLOW, (1,), 0x202),
+        (MOVE, REFUSED, (1,), 0x202),
         (execute("CurJnt"), UNDERFLOW, (1,), 0),
         (execute("CurJnt"), 0, (1,), 0x202),
     ],
@@ -124,6 +130,24 @@ def test_a_client_whose_set_points_are_refused_is_not_in_slave_mode() -> None:
         tracker.on_call(call)
         in_slave_mode.append(list(tracker.clients_in_slave_mode()) == [call.conversation])
     assert in_slave_mode == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("made", "is_in_slave_mode"),
+    [
+        ([(MOVE, REFUSED)], False),
+        ([(MOVE, REFUSED), (MOVE, 0)], True),
+        ([(execute("CurJnt"), UNDERFLOW)], True),
+        ([(MOVE, OVERFLOW), (execute("CurJnt"), UNDERFLOW)], False),
+    ],
+)
+def test_only_a_set_point_shows_whether_set_points_are_refused(
+    made: list[tuple[tuple[int, tuple[Variant, ...]], int]], is_in_slave_mode: bool
+) -> None:
+    tracker = SlaveModeTracker()
+    for call in calls((ENTER, 0), *made):
+        tracker.on_call(call)
+    assert bool(list(tracker.clients_in_slave_mode())) is is_in_slave_mode
 
 
 def test_clients_are_bounded() -> None:

@@ -147,7 +147,7 @@ def test_a_serial_of_a_settled_call_is_free_again() -> None:
 
 def test_many_notices_do_not_hide_a_reply_that_may_end_the_call() -> None:
     script = Script()
-    play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE)])
-    play(script, [(20 + number, -22, S_EXECUTING) for number in range(4 * MAX_UNSEEN)])
-    play(script, [(900, 23, 0, MOVE), (901, -23, 0, POSE)])
+    notices = [(20 + number, -22, S_EXECUTING) for number in range(4 * MAX_UNSEEN)]
+    before, after = [(0, 20, 0, OTHER), (16, -21, 0, POSE)], [(900, 23, 0, MOVE), (901, -23, 0, POSE)]
+    play(script, [*before, *notices, *after])
     assert calls_of(script.track())[0].outcome is Outcome.NOT_CAPTURED
