@@ -29,7 +29,6 @@ from tests.traffic.playbook import (
 )
 
 OFF, UNDERFLOW, OVERFLOW, MOTOR_OFF, REFUSED = 0x83500121, 0x84201482, 0x83201483, 0x84400000, 0x80004005
-CONTROLLER_EXECUTE = 17
 RELEASE = ROBOT_RELEASE, (i4(1),)
 STOP = SERVICE_STOP, ()
 
@@ -61,8 +60,6 @@ def calls(*made: tuple[tuple[int, tuple[Variant, ...]], int | None], port: int =
         (MOVE, OFF, SlaveModeEffect.FOUND_OFF),
         (MOVE, 0x83501033, SlaveModeEffect.FOUND_OFF),
         (MOVE, 0x8120184E, SlaveModeEffect.FOUND_OFF),
-        ((CONTROLLER_EXECUTE, MOVE[1]), 0, None),
-        ((EXECUTE, (i4(1),)), 0, None),
         (ENTER, 0, SlaveModeEffect.MODE_CHANGED),
         (ENTER, None, SlaveModeEffect.MODE_CHANGED),
         (ENTER, REFUSED, None),
@@ -70,6 +67,11 @@ def calls(*made: tuple[tuple[int, tuple[Variant, ...]], int | None], port: int =
         (STOP, None, SlaveModeEffect.SESSION_BOUNDARY),
         (STOP, REFUSED, None),
         (RELEASE, 0, SlaveModeEffect.ROBOT_RELEASED),
+        (RELEASE, REFUSED, None),
+        (START_SERVICE, REFUSED, None),
+        ((17, (i4(1), text("slvMove"), i4(0))), 0, None),
+        ((17, (i4(1), text("slvMove"), i4(0))), OFF, SlaveModeEffect.ERROR),
+        ((EXECUTE, (i4(1),)), 0, None),
         (execute("CurJnt"), 0, None),
         (execute("CurJnt"), UNDERFLOW, SlaveModeEffect.ERROR),
         (execute("CurJnt"), REFUSED, None),
@@ -135,19 +137,23 @@ def test_a_client_whose_set_points_are_refused_is_not_in_slave_mode() -> None:
 @pytest.mark.parametrize(
     ("made", "is_in_slave_mode"),
     [
-        ([(MOVE, REFUSED)], False),
-        ([(MOVE, REFUSED), (MOVE, 0)], True),
+        ([(MOVE, UNDERFLOW)], False),
+        ([(MOVE, OFF)], False),
         ([(execute("CurJnt"), UNDERFLOW)], True),
         ([(MOVE, OVERFLOW), (execute("CurJnt"), UNDERFLOW)], False),
+        ([(MOVE, UNDERFLOW), (ENTER, 0)], True),
+        ([(mode(i4(0)), 0)], False),
+        ([(RELEASE, 0)], False),
+        ([(mode(text("?")), 0)], True),
     ],
 )
-def test_only_a_set_point_shows_whether_set_points_are_refused(
-    made: list[tuple[tuple[int, tuple[Variant, ...]], int]], is_in_slave_mode: bool
+def test_a_client_is_in_slave_mode_until_it_leaves_or_its_set_points_fail(
+    made: list[tuple[tuple[int, tuple[Variant, ...]], int | None]], is_in_slave_mode: bool
 ) -> None:
     tracker = SlaveModeTracker()
     for call in calls((ENTER, 0), *made):
         tracker.on_call(call)
-    assert bool(list(tracker.clients_in_slave_mode())) is is_in_slave_mode
+    assert list(tracker.clients_in_slave_mode()) == [call.conversation] * is_in_slave_mode
 
 
 def test_clients_are_bounded() -> None:
