@@ -35,7 +35,7 @@ class AlikeSetPoints:
             and received.fixed_parts(result) == received.expected_parts
             and request.external_problem is None
             and answer.external_problem is None
-            and (request.reserved in (0, request.serial) or call.first_attempt_seen)
+            and call.first_attempt_seen
         )
 
     def on_other_call(self, call: Call) -> None:

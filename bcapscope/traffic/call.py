@@ -15,6 +15,7 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome, outcome_of, ver
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Flow, Transport
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
+from bcapscope.traffic.unseen_attempts import is_later
 
 
 class FrameObservation(Protocol):
@@ -241,7 +242,7 @@ class Call:
         """Serial of the latest attempt, captured or not."""
         last = self.last_attempt.item.serial
         unseen = self.unseen_serials[-1] if self.unseen_serials else last
-        return unseen if (unseen - last) & 0xFFFF < 0x8000 else last
+        return unseen if is_later(unseen, last) else last
 
     @property
     def all_unseen_serials(self) -> tuple[int, ...]:
@@ -341,7 +342,7 @@ class Call:
 
     def surely_has(self, serial: int) -> bool:
         """Return whether the attempt that has this serial surely belongs to this call."""
-        return self.sure_until is None or (serial - self.sure_until) & 0xFFFF not in range(1, 0x8000)
+        return self.sure_until is None or not is_later(serial, self.sure_until)
 
     @property
     def convention(self) -> ReservedConvention:
@@ -401,7 +402,7 @@ class StrayReply:
 
     observation: FrameObservation
     call_number: int | None
-    may_answer_evicted: bool = False
+    may_answer_evicted: bool
     request_missed: bool = False
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
-from bcapscope.traffic.unseen_attempts import skipped_serials
+from bcapscope.traffic.unseen_attempts import is_later, skipped_serials
 
 if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
@@ -144,7 +144,7 @@ def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
     attempts with replies or notices.
     """
     return call.is_at_controller and any(
-        serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
+        serial not in received and any(is_later(each, serial) for each in received)
         for serial in call.all_unseen_serials
     )
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 from operator import attrgetter
 from statistics import median
 
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
@@ -33,8 +34,6 @@ _MAX_KINDS = 64
 def attempt_distances(call: Call) -> list[int]:
     """Return the times in ns between successive attempts. Uncaptured attempts count as evenly spaced."""
     attempts = call.attempts
-    if len(attempts) == 1:
-        return []
     if not call.unseen_serials:
         times = sorted(each.time for each in attempts)
         return [after - before for before, after in pairwise(times)]
@@ -63,7 +62,7 @@ def waits_in_vain(call: Call, now: int) -> bool:
     timeout, and at least `SHORTEST_SILENCE_NS`. Return False if the client's timeout is unknown.
     """
     silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
-    return silence > 0 and now - call.request.time >= silence
+    return bool(silence) and now - call.request.time >= silence
 
 
 def _silence_of(call: Call, timeouts: int) -> int:
@@ -78,7 +77,7 @@ class ShownTimeouts:
     """The timeouts that one client uses for each kind of call, inferred from its attempts."""
 
     def __init__(self) -> None:
-        self._distances: dict[CallKind, deque[int]] = {}
+        self._distances: BoundedDict[CallKind, deque[int]] = BoundedDict(_MAX_KINDS)
 
     def add_call(self, call: Call) -> int:
         """Learn the client's timeout from a complete call. If the reply was late (see `OVERDUE_TIMEOUTS`),
@@ -87,12 +86,11 @@ class ShownTimeouts:
         distances = attempt_distances(call)
         if not distances:
             return 0
-        if len(self._distances) >= _MAX_KINDS and call.kind not in self._distances:
-            self._distances.clear()
-        usual = self._distances.setdefault(call.kind, deque(maxlen=_MAX_DISTANCES))
+        usual = self._distances.get(call.kind, deque(maxlen=_MAX_DISTANCES))
         usual.extend(distances)
+        self._distances[call.kind] = usual
         reply, sent_at = call.reply, call.last_attempt.time
-        if reply is None or reply.time - sent_at <= OVERDUE_TIMEOUTS * SHORTEST_TIMEOUT_NS:
+        if reply is None:
             return 0
         if any(notice.time <= reply.time for notice in call.notices):  # the client waited longer
             return 0

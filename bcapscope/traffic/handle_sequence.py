@@ -65,7 +65,7 @@ class HandleSequence:
 def _given_by(call: Call) -> Iterable[tuple[ObjectClass | None, int]]:
     """Yield each handle that a captured reply of a call holds, with the class of its object."""
     function = FUNCTIONS.get(call.kind.function_id)
-    if call.kind.function_id not in OPENERS or function is None:
+    if function is None or function.creates is None:
         return
     for _, seen in call.frames:
         handle = handle_in_reply(seen) if seen.flow.direction is Direction.RESPONSE else None

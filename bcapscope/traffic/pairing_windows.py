@@ -74,9 +74,11 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     after the reply to a newer call. If a client has given up a call, it accepts no reply to this call. `now`
     is when the capture ended, ns since 1970; 0 if nothing was captured after the conversation.
     """
+    if not open_calls:
+        return
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies
-    end = max((call.last_activity for call in open_calls), default=0)
+    end = max(call.last_activity for call in open_calls)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
     # `answered` is the time of the earliest reply (except E_BUSY) to a call newer than `call`. If there is no
     # such reply, or if it is later than `overtaken`, `answered` equals `overtaken`.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import ClassVar, Concatenate, ParamSpec, TypeVar
 
 from bcapscope.traffic.alike_set_points import AlikeSetPoints
+from bcapscope.traffic.bounded_dict import BoundedDict
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.capture_point import CapturePoint
@@ -98,7 +99,7 @@ class Pipeline:
             joiner: Joins conversations that were captured at several places.
         """
         self._tracker = Tracker(taken_at)
-        self._runs: dict[Conversation, AlikeSetPoints] = {}
+        self._runs: BoundedDict[Conversation, AlikeSetPoints] = BoundedDict(MAX_CONVERSATIONS)
         self._frame_handlers = overriding_methods(subscribers, PipelineSubscriber.on_frame)
         self._joiner = joiner
         self.add: Callable[[Observation], None] = self._adder(joiner)
@@ -224,19 +225,17 @@ class Pipeline:
             if isinstance(item, StrayReply):
                 for on_stray_reply in self._stray_handlers:
                     on_stray_reply(item)
-                continue
-            target = None if handles is None else handles.on_call(item)
-            for on_call in call_handlers:
-                on_call(item, target)
-            change = None if slave_mode is None else slave_mode.on_call(item)
-            if change is not None:
-                for on_slave_mode in self._mode_handlers:
-                    on_slave_mode(change)
+            else:
+                target = None if handles is None else handles.on_call(item)
+                for on_call in call_handlers:
+                    on_call(item, target)
+                change = None if slave_mode is None else slave_mode.on_call(item)
+                if change is not None:
+                    for on_slave_mode in self._mode_handlers:
+                        on_slave_mode(change)
 
     def _run_of(self, conversation: Conversation) -> AlikeSetPoints:
         run = self._runs.get(conversation)
         if run is None:
-            while len(self._runs) >= MAX_CONVERSATIONS:
-                del self._runs[next(iter(self._runs))]
             run = self._runs[conversation] = AlikeSetPoints()
         return run

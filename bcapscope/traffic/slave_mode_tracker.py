@@ -154,5 +154,5 @@ def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenS
     if effect is SlaveModeEffect.ROBOT_RELEASED:
         return known._replace(robots=others) if others != known.robots else None
     failed_set_point = effect is not SlaveModeEffect.ERROR
-    mode = 0 if ends_slave_mode(call.hresult or 0) else known.mode
+    mode = 0 if call.hresult is not None and ends_slave_mode(call.hresult) else known.mode
     return known._replace(mode=mode, set_points_refused=failed_set_point or known.set_points_refused)

@@ -29,6 +29,11 @@ remembers at least this number of serials of settled calls.
 """
 
 
+def is_later(serial: int, than: int) -> bool:
+    """Return whether a serial follows another serial by fewer than 32768 steps."""
+    return 0 < (serial - than) & 0xFFFF < 0x8000
+
+
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
     """Return the serials between `before` and `after`, oldest first.
 

@@ -195,7 +195,10 @@ def test_memory_does_not_grow_with_frame_numbers(stack: ExitStack, tmp_path: Pat
     tracemalloc.start()
     stack.callback(tracemalloc.stop)
     for number in range(1, 40_000_001, 200_000):
-        rows.add(StrayReply(cast(FrameObservation, reply._replace(number=number)), None), None)
+        rows.add(
+            StrayReply(cast(FrameObservation, reply._replace(number=number)), None, may_answer_evicted=False),
+            None,
+        )
         rows.flush()
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     ObservationStoreWriter(tmp_path).close()

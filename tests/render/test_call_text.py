@@ -106,7 +106,9 @@ def test_a_reply_to_no_call() -> None:
     assert line.endswith(
         "reply with serial 9 answers no request that was seen  E_HANDLE (handle is not valid)  frame 1"
     )
-    assert "too late for call 7 " in CallRenderer().line(StrayReply(stray.observation, 7))
+    assert "too late for call 7 " in CallRenderer().line(
+        StrayReply(stray.observation, 7, may_answer_evicted=False)
+    )
 
 
 def test_what_was_not_followed_is_not_said_to_be_unanswered_or_late() -> None:

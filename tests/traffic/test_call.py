@@ -17,6 +17,7 @@ from tests.traffic.playbook import (
     Script,
     calls_of,
     execute,
+    play,
 )
 
 
@@ -100,6 +101,17 @@ def test_the_latest_attempt_may_be_one_that_was_not_captured(
     (call,) = calls_of(script.track())
     call.unseen_serials = unseen
     assert call.latest_serial == latest
+
+
+@pytest.mark.parametrize(("code", "executed"), [(0, False), (S_EXECUTING, True)])
+def test_a_reply_to_an_uncaptured_attempt_shows_that_the_controller_received_the_call(
+    code: int, executed: bool
+) -> None:
+    script = Script()
+    play(script, [(0, 20, 0, MOVE), (16, -21, code), (24, 22, 20, MOVE)])
+    (call,) = calls_of(script.track())
+    assert (call.reply, len(call.stray_replies)) == (None, 1)
+    assert (call.was_received, call.was_executed) == (True, executed)
 
 
 def test_execute_questions_are_told() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,6 +61,7 @@ def execute(command: str, function_id: int = 64, handle: int = 1, serial: int = 
         (execute("命令"), CallKind(64, "命令")),
         (Frame(encode_frame(1, 0, 64, [])), CallKind(64, None)),
         (Frame(encode_frame(1, 0, 64, [Variant(VT.I4, 1)])), CallKind(64, None)),
+        (Frame(encode_frame(1, 0, 64, [Variant(VT.I4, 1)])[:29]), CallKind(64, None)),
         (Frame(encode_frame(1, 0, 64, [Variant(VT.I4, 1), Variant(VT.I4, 2)])), CallKind(64, None)),
         (Frame(encode_frame(1, 0, 64, [Variant(VT.I2, 1), Variant(VT.BSTR, "slvMove")])), SLV_MOVE),
         (
@@ -80,6 +84,28 @@ def test_a_request_tells_what_it_asks(request_frame: Frame, expected: CallKind) 
 def test_equal_questions_are_one_object() -> None:
     kind_of = CallKinds().kind_of
     assert kind_of(execute("slvMove", handle=1)) is kind_of(execute("slvMove", handle=2, serial=7))
+    without_parameter = Frame(encode_frame(1, 0, 64, [Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove")]))
+    assert kind_of(without_parameter) is kind_of(without_parameter)
+
+
+def in_blocks(command: str) -> Frame:
+    """Return a compressed request whose first 58 bytes are the same for all commands of 7 characters."""
+    plain = execute(command).raw
+    body = plain[9:-1]
+    packed = len(body).to_bytes(4, "little") + b"\x78\x01"
+    for block in (body[:8], body[8:32], body[32:]):
+        packed += struct.pack("<BHH", block == body[32:], len(block), len(block) ^ 0xFFFF) + block
+    packed += zlib.adler32(body).to_bytes(4, "big") + b"\x01"
+    return Frame(plain[:1] + (10 + len(packed)).to_bytes(4, "little") + b"\1\0\1\0" + packed + plain[-1:])
+
+
+def test_compressed_requests_that_begin_with_equal_bytes_have_their_own_commands() -> None:
+    kinds = CallKinds()
+    commands = ("slvMove", "PosMove")
+    assert in_blocks(commands[0]).raw[:58] == in_blocks(commands[1]).raw[:58]
+    assert [kinds.kind_of(in_blocks(command)) for command in commands] == [
+        CallKind(64, command) for command in commands
+    ]
 
 
 def test_a_command_that_is_cut_off_is_told_as_far_as_it_goes() -> None:
@@ -111,10 +137,12 @@ def test_a_frame_that_breaks_off_in_its_command_is_not_taken_for_a_whole_one() -
 
 def test_kinds_are_forgotten_in_time() -> None:
     kinds = CallKinds()
-    for handle in range(MAX_KINDS + 10):
+    first = kinds.kind_of(execute("slvMove", handle=0))
+    for handle in range(1, MAX_KINDS):
         kinds.kind_of(execute("slvMove", handle=handle))
-    assert len(kinds._by_prefix) <= MAX_KINDS
-    assert len(kinds._known) <= MAX_KINDS
+    assert kinds.kind_of(execute("slvMove", handle=0)) is first
+    assert kinds.kind_of(execute("slvMove", handle=MAX_KINDS)) is not first
+    assert kinds.kind_of(execute("slvMove", handle=0)) is not first
 
 
 def ask(questions: RecentRequests, client: Conversation, frame: Frame) -> CallKind | None:

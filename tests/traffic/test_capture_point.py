@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from bcapscope.traffic.call import Call
@@ -81,6 +83,7 @@ def played(script: Script, taken_at: CapturePoint | None = None) -> list[Call]:
         (2.0, 4.6, LOST),
         (7.5, 1.0, UNSURE),
         (60, 99, UNSURE),
+        (60, 100, UNSURE),
         (60, 101, LOST),
     ],
 )
@@ -183,3 +186,17 @@ def test_a_retry_soon_after_a_notice_does_not_show_when_its_call_began(
     client.reply(79, 9)
     call = calls_of(script.track())[-1]
     assert (call.crossing_ns < 3 * MS) is is_known
+
+
+def test_a_request_at_the_same_time_as_a_reply_shows_nothing_if_the_client_does_not_wait() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, MOVE)
+    client.reply(1, 1)
+    following: Any = client.ask(1, 2, 0, OTHER)
+    call = calls_of(script.track())[0]
+    window = CrossingWindow()
+    window.ignore_reactions()
+    for _ in range(3):
+        window.add_answered_call(call, following)
+    assert window.nanoseconds == LONGEST_ROUND_TRIP_NS

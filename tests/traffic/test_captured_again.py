@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bcapscope.traffic.call_verdict import CallVerdict
 from tests.traffic.playbook import MOVE, POSE, Script, calls_of
 
@@ -21,14 +23,15 @@ def test_a_capture_on_two_interfaces_shows_each_packet_once() -> None:
         assert (len(call.captured_again), call.verdict) == (2, CallVerdict.ANSWERED)
 
 
-def test_a_copy_that_comes_later_was_made_by_the_network() -> None:
+@pytest.mark.parametrize(("later", "copies"), [(1.0, (0, 1)), (1.000001, (1, 0)), (1.5, (1, 0))])
+def test_a_copy_that_comes_later_was_made_by_the_network(later: float, copies: tuple[int, int]) -> None:
     script = Script()
     client = script.client()
     client.ask(0, 1, 0, MOVE)
-    client.ask(1.5, 1, 0, MOVE)
+    client.ask(later, 1, 0, MOVE)
     client.reply(3, 1, 0, 0, POSE)
     (call,) = calls_of(script.track())
-    assert (len(call.duplicates), call.captured_again) == (1, ())
+    assert (len(call.duplicates), len(call.captured_again)) == copies
 
 
 def test_a_retry_right_after_its_first_attempt_is_a_retry() -> None:

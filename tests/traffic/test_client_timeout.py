@@ -16,6 +16,7 @@ from tests.traffic.playbook import (
     START,
     Script,
     calls_of,
+    execute,
     play,
     summaries,
 )
@@ -128,3 +129,27 @@ def test_a_single_attempt_shows_no_timeout() -> None:
     (call,) = calls_of(script.track())
     assert (attempt_distances(call), gives_up_at(call)) == ([], 0)
     assert not waits_in_vain(call, START + 10**15)
+
+
+def test_a_client_waits_in_vain_after_three_timeouts() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, MOVE), (100, 21, 20, MOVE)])
+    (call,) = calls_of(script.track())
+    assert not waits_in_vain(call, START + 300 * MS - 1)
+    assert waits_in_vain(call, START + 300 * MS)
+
+
+@pytest.mark.parametrize(("others", "outcome"), [(63, Outcome.ANSWERED), (64, Outcome.UNANSWERED)])
+def test_the_timeouts_of_64_kinds_are_remembered(others: int, outcome: Outcome) -> None:
+    """The first calls of a kind show a timeout of 50 ms, and the last one a timeout of 2 ms."""
+    lines: list[tuple[object, ...]] = []
+    commands = ["CurJnt"] * 3 + [f"Other{number}" for number in range(others)]
+    for number, command in enumerate(commands):
+        at, serial = 200 * number, 1 + 2 * number
+        lines += [(at, serial, 0, execute(command)), (at + 50, serial + 1, serial, execute(command))]
+        lines += [(at + 51, -serial - 1)]
+    at = 200 * len(commands)
+    lines += [(at, 901, 0, execute("CurJnt")), (at + 2, 902, 901, execute("CurJnt")), (at + 92, -902)]
+    script = Script()
+    play(script, lines)
+    assert calls_of(script.track())[-1].outcome is outcome

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
+from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
@@ -16,6 +16,7 @@ from bcapscope.traffic.handle_tracker import (
     SessionEnding,
     handle_of,
 )
+from bcapscope.traffic.observation import Direction
 from tests.traffic.playbook import (
     CONNECT,
     DISCONNECT,
@@ -144,11 +145,12 @@ def test_a_handle_that_is_given_again_replaces_the_one_before() -> None:
     script = Script()
     person = Person(script)
     person.open()
+    person.call(GET_VARIABLE, i4(1), text("I1"), text(""), gives=3)
     person.call(GET_ROBOT, i4(1), text("Other"), text(""), gives=2)
     person.call(EXECUTE, i4(2), text("CurPos"), i4(0))
     labels, (session,) = follow(script)
-    assert labels[4] == "Other"
-    assert left(session) == ["RC8", "Other"]
+    assert labels[5] == "Other"
+    assert left(session) == ["RC8", "I1", "Other"]
 
 
 def test_handles_are_counted_apart_for_each_class() -> None:
@@ -252,7 +254,9 @@ def test_functions_that_are_none_are_left_alone() -> None:
         (Frame(encode_frame(1, 0, 64, [text("7")])), None),
         (Frame(encode_frame(1, 0, 64, [Variant(VT.BOOL, True)])), None),
         (Frame(encode_frame(1, 0, 64, [])), None),
+        (Frame(encode_frame(1, 0, 64, [i4(0x01020304)])), 0x01020304),
         (Frame(encode_frame(1, 0, 64, [i4(7)])[:27]), None),
+        (Frame(encode_frame(1, 0, 64, [i4(0x04000007)])[:29]), None),
         (Frame(encode_frame(9, 1, 64, [i4(7), text("a" * 40)], Framing.VERSION_1_ZLIB)), 7),
     ],
 )
@@ -290,9 +294,23 @@ def test_clients_are_bounded_and_the_silent_one_is_told_first() -> None:
         person.call(CONNECT, text(f"{port}"), gives=1)
     _, (stopped, *sessions) = follow(script)
     assert stopped.is_clean
+    handles = HandleTracker(max_ended=0)
+    for call in calls_of(script.track()):
+        handles.on_call(call)
+    assert len(handles.sessions()) == MAX_CONVERSATIONS
     assert [left(session) for session in sessions] == [
         [f"{port}"] for port in range(1, MAX_CONVERSATIONS + 3)
     ]
+
+
+def test_a_release_whose_reply_may_be_missing_counts() -> None:
+    script = Script()
+    person = Person(script)
+    person.open()
+    person.client.ask(100, 50, 50, (ROBOT_RELEASE, (i4(2),)))
+    person.client.see(101, Direction.RESPONSE, Malformed(b"", (), 44))
+    _, (session,) = follow(script)
+    assert left(session) == ["RC8"]
 
 
 def test_a_client_that_is_gone_is_forgotten_with_its_objects() -> None:

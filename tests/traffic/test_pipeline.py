@@ -13,10 +13,11 @@ from bcapscope.traffic import pipeline as pipeline_module
 from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.pairing_windows import EXECUTION_NS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline, PipelineSubscriber
-from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
+from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect, SlaveModeTracker
 from tests.analysis.driving import ENTER, Plan, Step, joints, steps
 from tests.traffic.playbook import CONNECT, MOVE, POSE, START_SERVICE, Script, i4, run_pipeline, text
 
@@ -256,3 +257,51 @@ def test_a_checker_that_needs_every_set_point_gets_each_one(monkeypatch: pytest.
     run_pipeline(driven().script.seen, Diagnosis())
     assert seen["EveryChecker"] == list(range(1, 35))
     assert seen["OtherChecker"] == [1, 2, 22, 28, 29, 34]
+
+
+def test_a_closed_conversation_begins_a_new_series_and_has_no_slave_mode() -> None:
+    runs, slave_mode = Runs(), SlaveModeTracker()
+    pipeline = Pipeline(runs, slave_mode=slave_mode)
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.moves(8.0 * n + 8 for n in range(4))
+    plan.track()
+    for seen in plan.script.seen:
+        pipeline.add(seen)
+    pipeline.close_conversation(plan.script.seen[0].flow.conversation)
+    assert runs.runs == [[3, 4, 5]]
+    assert slave_mode.find(plan.script.seen[0].flow.conversation).mode is None
+    for seen in plan.script.seen[2:]:
+        pipeline.add(seen._replace(time=seen.time + 10**9))
+    pipeline.finish()
+    assert runs.runs == [[3, 4, 5], [7, 8, 9]]
+
+
+def test_a_run_holds_set_points_of_one_client() -> None:
+    script = Script()
+    clients = [script.client(port) for port in (50001, 50002)]
+    for number in range(1, 5):
+        for offset, client in enumerate(clients):
+            client.ask(8 * number + 4 * offset, number, 0, MOVE)
+            client.reply(8 * number + 4 * offset + 1, number, 0, 0, POSE)
+    runs = Runs()
+    run_pipeline(script.seen, runs)
+    assert [number for name, number in runs.events if name == "call"] == list(range(1, 9))
+    assert sorted(number for run in runs.runs for number in run) == list(range(3, 9))
+    assert all(len({number % 2 for number in run}) == 1 for run in runs.runs)
+
+
+def test_a_joiner_changes_nothing_about_a_conversation_with_one_leg() -> None:
+    script = driven().script
+    singles, joined = Singles(), Singles()
+    run_pipeline(script.seen, singles)
+    joiner = Joiner()
+    pipeline = Pipeline(joined, joiner=joiner)
+    for seen in script.seen:
+        pipeline.add(seen)
+    assert joiner.passing == {seen.flow for seen in script.seen}
+    pipeline.finish()
+    for name in ("frame", "call"):
+        events = [[event for event in each.events if event[0] == name] for each in (singles, joined)]
+        assert events[0] == events[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.recent_serials import MAX_SERIALS
-from bcapscope.traffic.serial_table import SerialTable
+from bcapscope.traffic.serial_table import MAX_REUSED, SerialTable
 from tests.traffic.playbook import MOVE, Script, calls_of
 
 
@@ -60,3 +60,20 @@ def test_requests_that_reuse_a_serial_are_answered_in_order() -> None:
     assert table.open_calls == {5: second}
     assert table.oldest_reused(5, is_answered=True) == first.number
     assert table.reused == {}
+
+
+def test_reused_serials_are_bounded_and_the_oldest_is_dropped_first() -> None:
+    table, call = SerialTable(), made(1)
+    for serial in range(MAX_REUSED + 1):
+        assert list(table.reused) == list(range(serial))
+        table.open_calls[serial] = call
+        table.queue_reused(serial)
+    assert list(table.reused) == list(range(1, MAX_REUSED + 1))
+
+
+def test_the_earliest_of_several_waiting_calls_is_answered_first() -> None:
+    table, calls = SerialTable(), [made(5) for _ in range(3)]
+    for call in calls:
+        table.open_calls[5] = call
+        table.queue_reused(5)
+    assert [table.oldest_reused(5, is_answered=True) for _ in calls] == calls

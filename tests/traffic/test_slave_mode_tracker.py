@@ -97,6 +97,7 @@ def test_what_a_call_means(
         (RELEASE, 0, (), 0x202),
         (MOVE, UNDERFLOW, (1,), 0),
         (MOVE, OVERFLOW, (1,), 0x202),
+        (MOVE, REFUSED, (1,), 0x202),
         (execute("CurJnt"), UNDERFLOW, (1,), 0),
         (execute("CurJnt"), 0, (1,), 0x202),
     ],

@@ -12,12 +12,8 @@ from bcapscope.traffic.call import PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.joining.joined_observation import join_sightings
 from bcapscope.traffic.observation import Direction, Observation, Transport
-from bcapscope.traffic.pairing_windows import (
-    BUSY_WITHIN_NS,
-    EXECUTION_NS,
-    LATE_WITHIN_NS,
-)
 from bcapscope.traffic.tracker import MAX_OPEN, Tracker
 from tests.samples.problems import problem_of
 from tests.traffic.playbook import (
@@ -56,8 +52,8 @@ def test_calls_settle_by_time_alone() -> None:
     assert tracker.open_calls == []
     silent = client.ask(6000, 2, 2, MOVE)
     assert list(tracker.observe(silent)) == []
-    assert list(tracker.expire(silent.time + EXECUTION_NS - 1)) == []
-    assert summaries(tracker.expire(silent.time + EXECUTION_NS)) == ["2: >3 unanswered, unanswered"]
+    assert list(tracker.expire(silent.time + 180_000 * MS - 1)) == []
+    assert summaries(tracker.expire(silent.time + 180_000 * MS)) == ["2: >3 unanswered, unanswered"]
 
 
 def test_a_call_stays_open_while_the_reply_to_the_next_call_may_have_overtaken_its_own() -> None:
@@ -103,8 +99,17 @@ def test_a_call_settles_soon_once_client_and_server_go_on() -> None:
     gone_on = client.ask(200, 3, 3, MOVE)
     tracker.observe(gone_on)
     tracker.observe(client.reply(201, 3))
-    assert list(tracker.expire(gone_on.time + LATE_WITHIN_NS - 1)) == []
-    assert summaries(tracker.expire(gone_on.time + LATE_WITHIN_NS)) == ["2: >3 unanswered, unanswered"]
+    assert list(tracker.expire(gone_on.time + 1000 * MS - 1)) == []
+    assert summaries(tracker.expire(gone_on.time + 1000 * MS)) == ["2: >3 unanswered, unanswered"]
+
+
+def test_a_call_that_was_retried_settles_5_s_after_its_last_attempt() -> None:
+    client, tracker = Script().client(), Tracker()
+    tracker.observe(client.ask(0, 1, 0, MOVE))
+    last = client.ask(20, 2, 1, MOVE)
+    tracker.observe(last)
+    assert list(tracker.expire(last.time + 5000 * MS - 1)) == []
+    assert summaries(tracker.expire(last.time + 5000 * MS)) == ["1: >1 >>2 unanswered, unanswered"]
 
 
 def test_a_call_that_the_server_may_be_at_settles_later() -> None:
@@ -114,8 +119,8 @@ def test_a_call_that_the_server_may_be_at_settles_later() -> None:
     tracker.observe(client.ask(0, 1, 1, MOVE))
     gone_on = client.ask(200, 2, 2, MOVE)
     tracker.observe(gone_on)
-    assert list(tracker.expire(gone_on.time + BUSY_WITHIN_NS - 1)) == []
-    assert summaries(tracker.expire(gone_on.time + BUSY_WITHIN_NS)) == ["1: >1 unanswered, unanswered"]
+    assert list(tracker.expire(gone_on.time + 30_000 * MS - 1)) == []
+    assert summaries(tracker.expire(gone_on.time + 30_000 * MS)) == ["1: >1 unanswered, unanswered"]
 
 
 def test_four_clients_that_get_no_answer_are_followed() -> None:
@@ -304,6 +309,25 @@ def test_no_reply_comes_over_a_connection_that_is_gone(
     assert call.outcome is outcome
 
 
+def test_a_conversation_that_was_closed_may_begin_again() -> None:
+    client, tracker = Script().client(), Tracker()
+    tracker.observe(client.ask(0, 1, 0, MOVE))
+    assert len(tracker.close_conversation(client.conversation)) == 1
+    tracker.observe(client.ask(10, 2, 0, MOVE))
+    assert [call.number for call in tracker.open_calls] == [2]
+
+
+def test_a_request_of_a_proxy_may_be_the_first_frame_of_a_conversation() -> None:
+    """The conversation that has been silent for the longest time makes room for it."""
+    script, tracker = Script(), Tracker()
+    requests = [script.client(port).ask(port, 1, 0, MOVE) for port in range(MAX_CONVERSATIONS + 1)]
+    for request in requests[:-1]:
+        assert list(tracker.observe(request)) == []
+    own = join_sightings(None, requests[-1], requests[-1].flow, is_missed=True)
+    (evicted,) = calls_of(tracker.observe_joined(own))
+    assert evicted.request.number == requests[0].number
+
+
 def test_time_starts_anywhere() -> None:
     script = Script()
     client = script.client()
@@ -327,6 +351,20 @@ def test_the_open_calls_of_a_client_that_is_gone_are_given_out_and_it_is_forgott
     (stray,) = tracker.observe(late)
     assert isinstance(stray, StrayReply)
     assert stray.call_number is None
+
+
+@pytest.mark.parametrize(("spare", "evicted"), [(0, 0), (-1, 2)])
+def test_calls_are_evicted_beyond_the_memory_limit(
+    spare: int, evicted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = Script()
+    client = script.client()
+    for serial in range(1, 4):
+        client.ask(serial, serial, 0, MOVE)
+    size = sum(len(observation.item.raw) for observation in script.seen)
+    monkeypatch.setattr(tracker_module, "MAX_BYTES", size + spare)
+    tracker = Tracker()
+    assert sum(len(tracker.observe(observation)) for observation in script.seen) == evicted
 
 
 def test_the_conversation_with_the_most_bytes_is_the_first_to_lose_calls(

@@ -7,7 +7,7 @@ import pytest
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReservedConvention
-from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, skipped_serials
+from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, UnseenRequests, is_later, skipped_serials
 from tests.traffic.playbook import (
     MOVE,
     OTHER,
@@ -147,7 +147,102 @@ def test_a_serial_of_a_settled_call_is_free_again() -> None:
 
 def test_many_notices_do_not_hide_a_reply_that_may_end_the_call() -> None:
     script = Script()
-    play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE)])
-    play(script, [(20 + number, -22, S_EXECUTING) for number in range(4 * MAX_UNSEEN)])
-    play(script, [(900, 23, 0, MOVE), (901, -23, 0, POSE)])
+    notices = [(20 + number, -22, S_EXECUTING) for number in range(4 * MAX_UNSEEN)]
+    before, after = [(0, 20, 0, OTHER), (16, -21, 0, POSE)], [(900, 23, 0, MOVE), (901, -23, 0, POSE)]
+    play(script, [*before, *notices, *after])
     assert calls_of(script.track())[0].outcome is Outcome.NOT_CAPTURED
+
+
+@pytest.mark.parametrize(
+    ("serial", "than", "expected"),
+    [(5, 5, False), (6, 5, True), (5, 6, False), (3, 65535, True), (32772, 5, True), (32773, 5, False)],
+)
+def test_serials_start_again_after_65535(serial: int, than: int, expected: bool) -> None:
+    assert is_later(serial, than) is expected
+
+
+NOTICED: list[tuple[object, ...]] = [(0, 20, 0, OTHER), (1, -20, S_EXECUTING)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "may_answer"),
+    [
+        pytest.param([NOTICED[0], (10, -21)], True, id="without notices"),
+        pytest.param([NOTICED[0], (10, -21, S_EXECUTING), (11, -21)], True, id="the first notice"),
+        pytest.param([*NOTICED, (10, -21, S_EXECUTING), (11, -21)], False, id="the second notice"),
+        pytest.param([*NOTICED, (10, -21)], True, id="a reply after the only notice"),
+        pytest.param([*NOTICED, (10, -22, S_EXECUTING), (11, -21)], True, id="a notice for a later serial"),
+        pytest.param(
+            [NOTICED[0], (10, -21, S_EXECUTING), (11, -22, S_EXECUTING), (12, -22)], False, id="two notices"
+        ),
+    ],
+)
+@pytest.mark.parametrize("has_next", [True, False])
+def test_a_controller_sends_notices_for_one_attempt_of_a_call(
+    lines: list[tuple[object, ...]], may_answer: bool, has_next: bool
+) -> None:
+    script = Script()
+    following = [(20, 24, 0, MOVE), (21, -24)] if has_next else []
+    play(script, [*lines, *following])
+    assert calls_of(script.track())[0].may_go_on is may_answer
+
+
+def test_a_notice_for_a_serial_that_was_not_skipped_is_ignored() -> None:
+    """The next request shows that no uncaptured request had serial 22."""
+    script = Script()
+    lines: list[tuple[object, ...]] = [(0, 20, 0, MOVE), (5, -22, S_EXECUTING)]
+    lines += [(10, 21, 0, OTHER), (18, 22, 21, OTHER), (19, -21, 0, POSE), (20, -23, 0, POSE)]
+    play(script, [*lines, (40, 24, 0, MOVE), (41, -24)])
+    assert calls_of(script.track())[1].may_go_on
+
+
+def test_a_chained_retry_shows_which_uncaptured_attempt_belongs_to_its_call() -> None:
+    script = Script()
+    lines = [(24, 20, 0, OTHER), (30, -21, 0, POSE), (38, -22, 0, POSE), (48, 23, 22, OTHER)]
+    play(script, [*CHAINS, *lines])
+    call = calls_of(script.track())[1]
+    assert [reply.item.serial for reply in call.stray_replies] == [22]
+    assert (call.may_go_on, call.sure_until) == (True, 20)
+
+
+def test_a_notice_and_a_reply_of_each_uncaptured_attempt_are_remembered() -> None:
+    script = Script()
+    lines: list[tuple[object, ...]] = [(0, 20, 0, OTHER)]
+    for step in range(1, MAX_UNSEEN + 1):
+        lines += [(8 * step, -20 - step, S_EXECUTING), (8 * step + 1, -20 - step, 0, POSE)]
+    play(script, [*lines, (600, 21 + MAX_UNSEEN, 20, OTHER)])
+    (call,) = calls_of(script.track())
+    assert len(call.stray_replies) == 2 * MAX_UNSEEN
+
+
+def test_a_copy_of_the_latest_request_shows_nothing_about_stray_replies() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (10, -21, 0, POSE)])
+    settled = script.track()
+    (newest,), (stray,) = calls_of(settled), strays_of(settled)
+    unseen = UnseenRequests()
+    unseen.add_stray_reply(stray, newest)
+    assert unseen.pop_before(20) == []
+    assert unseen.pop_before(22) == [stray]
+    assert unseen.pop_before(22) == []
+
+
+def test_a_lost_reply_to_an_earlier_attempt_overtakes_nothing() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (1, -20, 0, POSE), (8, 21, 20, OTHER), (24, 23, 22, OTHER)])
+    first, _ = calls_of(script.track())
+    assert (first.may_go_on, first.was_overtaken) == (True, False)
+
+
+def test_a_call_executed_after_another_one_is_no_retry() -> None:
+    """The controller sends S_EXECUTING only once for each call, so 22 and 24 are different calls."""
+    script = Script()
+    lines = [(0, 20, 0, OTHER), (40, 22, 21, OTHER), (41, -22, S_EXECUTING), (80, 24, 23, OTHER)]
+    play(script, [*lines, (81, -24, S_EXECUTING), (82, -24, 0, POSE)])
+    assert [call.may_go_on for call in calls_of(script.track())] == [False, False, False]
+
+
+def test_a_stray_reply_to_a_complete_call_shows_no_missed_request() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (1, -20), (9000, 21, 0, MOVE), (9100, 22, 0, MOVE), (9101, -20, 1)])
+    assert [(stray.call_number, stray.request_missed) for stray in strays_of(script.track())] == [(1, False)]
