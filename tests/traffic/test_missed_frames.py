@@ -12,6 +12,7 @@ from bcapscope.traffic.requests_only import FEWEST_CALLS
 from tests.samples.problems import problem_of
 from tests.traffic.playbook import (
     CONNECT,
+    EXECUTE,
     GET_ROBOT,
     GET_VARIABLE,
     MOVE,
@@ -246,6 +247,14 @@ def test_other_handles_prove_no_reply(handle: int, code: int) -> None:
     client.reply(16, 4, 0, 0, i4(6))
     client.ask(20, 5, 0, execute("TakeArm", handle))
     client.reply(21, 5, 0, code)
+    assert outcomes(script)[2] == "unanswered"
+
+
+def test_a_request_without_a_handle_proves_no_reply() -> None:
+    script = Script()
+    client = opened_robot(script)
+    client.ask(20, 4, 0, (EXECUTE, (text("TakeArm"),)))
+    client.reply(21, 4)
     assert outcomes(script)[2] == "unanswered"
 
 

@@ -129,7 +129,8 @@ def test_changes_of_slave_mode_follow_their_calls() -> None:
     assert places[1] == places[0] + 1
 
 
-def test_targets_are_the_objects_of_the_handles() -> None:
+@pytest.mark.parametrize(("cycle", "expected"), [(8, [[4, 5, 6]]), (8000, [[4], [5], [6]])])
+def test_targets_are_the_objects_of_the_handles(cycle: int, expected: list[list[int]]) -> None:
     script = Script()
     client = script.client()
     client.ask(0, 1, 0, (CONNECT, (text("ctrl"), text(""), text(""), text(""))))
@@ -137,12 +138,12 @@ def test_targets_are_the_objects_of_the_handles() -> None:
     client.ask(2, 2, 0, (7, (i4(9), text("Arm"), text(""))))
     client.reply(3, 2, 0, 0, i4(1))
     for n in range(4):
-        client.ask(10 + 8 * n, 3 + n, 0, MOVE)
-        client.reply(11 + 8 * n, 3 + n, 0, 0, POSE)
+        client.ask(10 + cycle * n, 3 + n, 0, MOVE)
+        client.reply(11 + cycle * n, 3 + n, 0, 0, POSE)
     singles, runs = Singles(), Runs()
     run_pipeline(script.seen, singles, runs)
     assert runs.targets == {2: "ctrl", 3: "Arm"}
-    assert runs.runs == [[4, 5, 6]]
+    assert runs.runs == expected
     assert singles.targets == {**runs.targets, 4: "Arm", 5: "Arm", 6: "Arm"}
 
 

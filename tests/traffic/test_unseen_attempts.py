@@ -187,10 +187,13 @@ def test_a_controller_sends_notices_for_one_attempt_of_a_call(
     assert calls_of(script.track())[0].may_go_on is may_answer
 
 
-def test_a_notice_for_a_serial_that_was_not_skipped_is_ignored() -> None:
-    """The next request shows that no uncaptured request had serial 22."""
+@pytest.mark.parametrize("serial", [19, 20])
+def test_a_notice_for_a_serial_that_was_not_skipped_is_ignored(serial: int) -> None:
+    """The next request shows that no uncaptured request had serial 22. If the client's first request has
+    serial 19, the reply with serial 20 answers an uncaptured request.
+    """
     script = Script()
-    lines: list[tuple[object, ...]] = [(0, 20, 0, MOVE), (5, -22, S_EXECUTING)]
+    lines: list[tuple[object, ...]] = [(0, serial, 0, MOVE), (4, -20), (5, -22, S_EXECUTING)]
     lines += [(10, 21, 0, OTHER), (18, 22, 21, OTHER), (19, -21, 0, POSE), (20, -23, 0, POSE)]
     play(script, [*lines, (40, 24, 0, MOVE), (41, -24)])
     assert calls_of(script.track())[1].may_go_on
