@@ -137,6 +137,15 @@ def test_a_condition_on_the_question_holds_for_its_answer() -> None:
     assert passes(machine, flows.down, reply(2))
 
 
+def test_a_fault_that_is_switched_on_again_knows_the_questions_of_before() -> None:
+    flows = talk()
+    machine = shaper("drop reply if command == slvMove", "delay=0 request")
+    machine.set_enabled("drop", False)
+    machine.process_message(flows.up, request(1, "slvMove"), 0)
+    machine.set_enabled("drop", True)
+    assert not passes(machine, flows.down, reply(1))
+
+
 @pytest.mark.parametrize(
     "chain",
     [
