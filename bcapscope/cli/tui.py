@@ -58,8 +58,8 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
-    help="Let the built-in simulator, or the simulator of --sim, imitate this kind of controller. Default: "
-    "as for `bcapscope sim`.",
+    help="Kind of controller that the simulator imitates, with --sim or without a HOST. Default: as for "
+    "`bcapscope sim`.",
 )
 @click.option(
     "--requests",

@@ -164,8 +164,8 @@ MAX_ELEMENTS = 32  # elements of an array in a line
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 FormatPlace: TypeAlias = tuple[int | slice, Callable[[Any], AnyStr]]
-"""What to insert for one placeholder: an index or slice selects numbers of the frame, and the function
-formats the selected numbers.
+"""What to insert for one placeholder: the index or slice of a number or numbers in FrameNumbers, and the
+function that writes them as text.
 """
 
 _SHOWN_BEFORE = ("bstrCommand",)  # arguments that a line shows next to the function's name

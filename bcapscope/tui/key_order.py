@@ -1,4 +1,4 @@
-"""Handles keys one after the other. A key goes to the widget that has the focus after the previous key.
+"""Handles keys one after the other: only when a key is handled, the widget for the next one is chosen.
 
 Without this module, Textual chooses the widget for a key as soon as Textual reads the key, although an
 earlier key may still move the focus. For example, `/` opens an input field. If the user types fast or pastes

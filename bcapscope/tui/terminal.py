@@ -76,8 +76,8 @@ class _HangupSafeFile:
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
     """Extend a browser driver, so that the event loop calls `on_end` when the viewer or the web server is
-    gone. With Textual's own browser driver, a write to the vanished web server would raise OSError. If
-    nothing was written, the screen would continue to run unseen. Return any other driver unchanged.
+    gone. Textual's own browser driver raises OSError when it writes to a web server that is gone. As long as
+    it writes nothing, it does not notice, and the screen runs on unseen. Return any other driver unchanged.
     """
     if not issubclass(driver, WebDriver):
         return driver
