@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from hashlib import blake2b
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame
@@ -14,14 +13,12 @@ from bcapscope.traffic.recent_serials import RecentSerials
 MAX_ATTEMPTS = 16
 """Largest attempt number that bcapscope infers from serials: twice what clients make per call."""
 
-_LONGEST_KEPT = 512  # bytes of a request's contents; a hash replaces longer contents
-
 
 @dataclass(eq=False, slots=True)
 class AttemptedCall:
-    """A call. `content` is the request from the function id to the end; a hash if the request is long."""
+    """A call. `content` is a hash of the request from the function id to the end."""
 
-    content: bytes
+    content: int
     attempts: int
 
 
@@ -32,9 +29,8 @@ class CallAttempt(NamedTuple):
     number: int
 
 
-def _content_key(request: Frame) -> bytes:
-    content = request.raw[9:]
-    return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
+def _content_hash(request: Frame) -> int:
+    return hash(request.raw[9:])
 
 
 class AttemptCounter:
@@ -74,7 +70,7 @@ class AttemptCounter:
         """
         serials = self._conversations.get(flow.conversation)
         known = serials.get(request.serial) if serials else None
-        return known.call if known and known.call.content == _content_key(request) else None
+        return known.call if known and known.call.content == _content_hash(request) else None
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._conversations.pop(conversation, None)
@@ -84,7 +80,7 @@ class _AttemptsBySerial(RecentSerials[CallAttempt]):
     """The latest attempts of one conversation, by serial."""
 
     def add_request(self, frame: Frame) -> CallAttempt:
-        serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
+        serial, reserved, content = frame.serial, frame.reserved, _content_hash(frame)
         known = self.get(serial)
         if known and known.call.content == content and reserved not in (0, serial):
             return known  # the network has duplicated this request
@@ -93,7 +89,7 @@ class _AttemptsBySerial(RecentSerials[CallAttempt]):
         self.put(serial, found)
         return found
 
-    def _new_attempt(self, serial: int, reserved: int, content: bytes) -> CallAttempt:
+    def _new_attempt(self, serial: int, reserved: int, content: int) -> CallAttempt:
         if reserved in (0, serial):
             return CallAttempt(AttemptedCall(content, 1), 1)
         origin = self.get(reserved)

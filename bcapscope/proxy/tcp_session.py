@@ -235,7 +235,7 @@ class TcpSession(RelaySession):
         if problem:
             self._on_source_broken(incoming, problem)
             return
-        if happened & WRITE and outgoing.pending:
+        if outgoing.pending:
             self._flush(outgoing)
         if happened & (READ | HANG_UP) and not self._closed:
             if self._may_read(incoming):

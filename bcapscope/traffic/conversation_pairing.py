@@ -29,7 +29,7 @@ from bcapscope.traffic.pairing_windows import (
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import UnseenRequests, find_retried_call, settle_continuation
+from bcapscope.traffic.unseen_attempts import UnseenRequests, find_retried_call, is_later, settle_continuation
 
 SERVICE_START = 1
 
@@ -318,7 +318,7 @@ class ConversationPairing:
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
         last = call.last_attempt.item
         self._by_serial[frame.serial] = call
-        if (frame.serial - last.serial) & 0xFFFF >= 0x8000:
+        if is_later(last.serial, frame.serial):
             event = CallEvent.OVERTAKEN_RETRY
             call.unseen_serials = tuple(serial for serial in call.unseen_serials if serial != frame.serial)
         else:

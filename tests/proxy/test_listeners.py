@@ -78,9 +78,11 @@ def _taken_datagram_port() -> socket.socket:
 def test_a_port_of_somebody_else_is_refused_and_nothing_stays_open() -> None:
     with _taken_datagram_port() as taken:
         port = port_of(taken)
-        with pytest.raises(ProxyListenError, match=f"127.0.0.1 UDP port {port}: address already in use"):
+        expected = f"127.0.0.1 UDP port {port}: address already in use"
+        with pytest.raises(ProxyListenError, match=expected) as refused:
             opened(f"127.0.0.1:{port}")
         assert opened(f"127.0.0.1:{port}", transport="tcp")[1] == 1
+        del refused  # until here, its traceback kept the TCP socket from being closed by accident
     with listening() as door, pytest.raises(ProxyListenError, match="TCP port"):
         opened(f"127.0.0.1:{port_of(door)}")
 

@@ -167,6 +167,21 @@ def test_a_hole_in_a_stream_stands_before_its_end() -> None:
     assert (hole.received_at, hole.sent_at) == (2, 3)
 
 
+def test_a_hole_counts_only_bytes_that_were_received_or_sent() -> None:
+    writer, reader = ends(1 << 10)
+    writer.streams.add(7)
+    while writer.write_record(True, 7, 2, 3, bytes(50)):
+        pass
+    assert not writer.write_record(True, 7, 0, 4, bytes(60))
+    assert not writer.write_record(True, 7, 5, 0, bytes(70))
+    everything(reader)
+    writer.write_record(True, 7, 8, 9, b"")
+    hole, data = everything(reader)
+    assert (hole.kind, data.kind) == (RingRecordKind.HOLE, RingRecordKind.DATA)
+    assert hole_sizes(hole) == (50 + 70, 50 + 60)
+    assert (hole.received_at, hole.sent_at) == (5, 4)
+
+
 def test_what_must_be_known_comes_before_what_follows() -> None:
     writer, reader = ends(1 << 10)
     while writer.write_record(True, 1, 2, 3, b""):

@@ -329,6 +329,7 @@ def test_who_ended_its_side_may_wait_for_a_reply_as_long_as_a_call_takes() -> No
         session.sweep(proxy.relay.now + REPLY_TIMEOUT_NS + 1)
         assert not proxy.relay.sessions
         assert server.recv(1) == b""
+        assert not proxy.of(RingRecordKind.RESET)
 
 
 def test_a_client_that_stays_when_the_controller_has_gone_is_ended() -> None:

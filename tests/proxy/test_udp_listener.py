@@ -427,6 +427,7 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
         proxy.look()
         proxy.relay.close()
         assert [data[5] for data in proxy.passed(True)[1:]] == asked
+        assert [data[5] for data in proxy.passed(False)] == [1, 2]
         assert [each.client for each in proxy.of(RingRecordKind.CLIENT_CLOSED)] == [session.number]
 
 

@@ -159,6 +159,10 @@ def test_any_text_may_be_asked_for(name: str) -> None:
         ("SLVMOV", "slvMove"),
         ("slvMove", "slvMove"),
         ("slvMove" + "x" * 60, None),
+        (
+            "GetMotionPreparationState" + "x" * 100,
+            "GetMotionPreparationState",
+        ),
         ("NobodyKnowsThis", None),
         ("", None),
     ],
