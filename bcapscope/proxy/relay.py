@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 POLL_INTERVAL = 0.05
 """Interval in seconds at which the relay writes pending records and checks whether to stop."""
 
-_SWEEP_EVERY = 20
+SWEEP_EVERY = 20
 """Number of `POLL_INTERVAL` periods between two searches for silent clients and full buffers."""
 
-_LONGEST_NOTE = 4096
+LONGEST_NOTE = 4096
 """Maximum size in bytes of a note of a proxy rule."""
 
 _LONGEST_CUT_NOTE = 600
-"""If an encoded note is longer than `_LONGEST_NOTE`, the relay keeps only this many characters of its text.
+"""If an encoded note is longer than `LONGEST_NOTE`, the relay keeps only this many characters of its text.
 In the encoded note, which is JSON, a character takes at most six bytes.
 """
 
-_SPARE_DESCRIPTORS = 4
+SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A UDP
 client needs one descriptor. A TCP client needs one descriptor, and two after its first complete frame.
 """
@@ -75,7 +75,7 @@ class Relay(DescriptorWatcher):
             self.watch(self._ticker, self._on_ticker)
         self._is_stopped = self._is_closed = False
         self._removed_clients: list[tuple[int, bytes, int]] = []
-        self.spares = SpareDescriptors(_SPARE_DESCRIPTORS)
+        self.spares = SpareDescriptors(SPARE_DESCRIPTORS)
         self._undecided: dict[PolicyDecision, _Arrival] = {}
         self._paused_sessions: dict[int, RelaySession] = {}
 
@@ -299,7 +299,7 @@ class Relay(DescriptorWatcher):
         self._record_removed_clients()
         self._idle()
         self._tick_count += 1
-        if self._tick_count % _SWEEP_EVERY == 0:
+        if self._tick_count % SWEEP_EVERY == 0:
             self._sweep()
         # Update `now` last: otherwise, `_sweep` after a long pause would remove clients with unread data.
         self.now = time.monotonic_ns()
@@ -326,7 +326,7 @@ def encode_note(note: Message | None) -> bytes:
     if note is None:
         return b""
     data = encode_message(note)
-    return data if len(data) <= _LONGEST_NOTE else encode_message(foreign_text(str(note)[:_LONGEST_CUT_NOTE]))
+    return data if len(data) <= LONGEST_NOTE else encode_message(foreign_text(str(note)[:_LONGEST_CUT_NOTE]))
 
 
 def direction_of(up: bool) -> Direction:

@@ -64,7 +64,7 @@ During this time, the process can report the script line that it is executing.
 _EXPIRE_INTERVAL_NS = 50_000_000
 """Minimum time in ns from one `ExpireCalls` order to the next."""
 
-_MAX_NOTICES = 200
+MAX_NOTICES = 200
 """The proxy shows the user at most this many messages from the scripts."""
 
 
@@ -280,7 +280,7 @@ class ScriptQueue:
         self.errors = max(self.errors, answer.errors)
         for notice in answer.notices:
             self._notice_count += 1
-            if self._notice_count <= _MAX_NOTICES:
+            if self._notice_count <= MAX_NOTICES:
                 self.notify(notice.message)
         if waiting.undecided is not None:
             yield waiting.undecided, answer

@@ -20,11 +20,11 @@ SocketAddress: TypeAlias = tuple[Any, ...]
 
 LARGEST_DATAGRAM = 65535
 
-_RECEIVE_BUFFER = 4 << 20
+RECEIVE_BUFFER = 4 << 20
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
-_BACKLOG = 1024
+MAX_WAITING_CLIENTS = 1024
 """Maximum number of TCP connections that wait to be accepted. If more clients connect at once, the others try
 again only after a second. This limit is high, because a second is too long for a client that sends a stop.
 """
@@ -52,7 +52,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
             allow_restart(sock)
         sock.bind(_own_address(family, endpoint))
         if stream:
-            sock.listen(_BACKLOG)
+            sock.listen(MAX_WAITING_CLIENTS)
         else:
             prepare_datagrams(sock)
     except OSError as error:
@@ -98,10 +98,10 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 def prepare_datagrams(sock: socket.socket) -> None:
     """Request a large receive buffer and timestamps of receipt. The system may refuse both."""
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
     if sys.platform == "linux":
         with suppress(OSError):  # only root may exceed the system's limit
-            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
+            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER)
     enable_receive_timestamps(sock)
 
 

@@ -272,8 +272,6 @@ class TcpSession(RelaySession):
             self._forward_bytes(half, memoryview(data), received_at)
             return
         relay.apply_rules(self, half.up, bytes(data), received_at)
-        if relay.pauses_reading(self):
-            self._update_masks()
 
     def _on_source_end(self, half: _HalfConnection) -> None:
         half.source_ended = True

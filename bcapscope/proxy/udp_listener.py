@@ -40,13 +40,13 @@ DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
-_TRIES = 2
-_PATIENCE = 0.3
+MAX_ATTEMPTS = 2
+REPLY_WITHIN = 0.3
 """Seconds to wait for the reply to one attempt of a request that closes a session."""
 
 _STILL_EXECUTING = S_EXECUTING.to_bytes(4, "little")
 
-_MAX_STRANGERS = 256
+MAX_STRANGERS = 256
 """Maximum number of rejected addresses to report to the user, each address once."""
 
 
@@ -101,7 +101,7 @@ class UdpListener(ClientListener):
     def _reject_stranger(self, address: SocketAddress) -> None:
         relay = self.relay
         relay.counts[RelayCounter.DENIED] += 1
-        if address[0] not in self._strangers and len(self._strangers) < _MAX_STRANGERS:
+        if address[0] not in self._strangers and len(self._strangers) < MAX_STRANGERS:
             self._strangers.add(address[0])
             client, reason = str(endpoint_of(address)), Message("client.not-allowed")
             relay.notify(Message("client.denied.datagrams", client=client, reason=reason))
@@ -192,17 +192,17 @@ class UdpSession(RelaySession):
         the relay.
         """
         for count, request in enumerate(requests):
-            if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
+            if not any(time.monotonic() < until and self._request(request) for _ in range(MAX_ATTEMPTS)):
                 return count
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request. Return whether a reply, not only a notice, arrives within `_PATIENCE`."""
+        """Send a request. Return whether a reply, not only a notice, arrives within `REPLY_WITHIN`."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
         relay.ring.write_record(True, self.number, 0, sent_at, request, note=note)
-        until = time.monotonic() + _PATIENCE
+        until = time.monotonic() + REPLY_WITHIN
         while (rest := until - time.monotonic()) > 0 and wait_readable(self._upstream.fileno(), rest):
             try:
                 data, control, _, _ = receive_function(self._upstream)(LARGEST_DATAGRAM, ANCILLARY_SIZE)

@@ -72,7 +72,7 @@ class Full(RulePolicy):
 
 
 def test_a_stream_is_read_on_as_soon_as_the_rules_have_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relay, "_SWEEP_EVERY", 1 << 40)  # what looks once a second does not help
+    monkeypatch.setattr(relay, "SWEEP_EVERY", 1 << 40)  # what looks once a second does not help
     policy = Full(fault_injector.FaultInjector(now=0))
     with connected(policy) as (_, client, server):
         server.settimeout(0.2)

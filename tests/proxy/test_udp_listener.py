@@ -168,7 +168,7 @@ def test_after_a_long_standstill_clients_may_speak_before_they_are_called_silent
     with stopped_behind_a_client(forget_after=10**9) as (relay, _):
         (session,) = relay.sessions.values()
         relay.now = session.last_heard = relay.now - 10**10  # as after ten seconds in which nothing ran
-        relay._tick_count = relay_module._SWEEP_EVERY - 1
+        relay._tick_count = relay_module.SWEEP_EVERY - 1
         relay._tick()
         assert relay.sessions
         relay._sweep()

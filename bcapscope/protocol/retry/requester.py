@@ -29,7 +29,7 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention, cli
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
-_REMEMBERED_ATTEMPTS = 32
+REMEMBERED_ATTEMPTS = 32
 """Number of remembered attempts of earlier calls, to distinguish late replies from stray replies."""
 
 _LAST_SERIAL = 0xFFFF
@@ -129,7 +129,7 @@ class Requester:
         self._request_bytes = b""
         self._policy: RetryPolicy
         self._open_attempts: list[_OpenAttempt] = []
-        self._earlier_attempts: deque[_OpenAttempt] = deque(maxlen=_REMEMBERED_ATTEMPTS)
+        self._earlier_attempts: deque[_OpenAttempt] = deque(maxlen=REMEMBERED_ATTEMPTS)
         self.deadline: int | None = None
         self._outgoing: list[bytes] = []
         self._events: list[RequesterEvent] = []

@@ -28,7 +28,7 @@ COMMAND_FUNCTIONS = frozenset(
 
 _POSE = "BSTR R8[] R4[] V[]"
 _LONGEST_COMPARED = 40
-_LEAST_SIMILARITY = 0.7
+LEAST_SIMILARITY = 0.7
 """Minimum ratio of difflib for similar names; slvChangeMode with two letters swapped has 0.92."""
 
 
@@ -70,7 +70,7 @@ def similar_command(function_id: int, name: str) -> str | None:
 @lru_cache(256)
 def _similar_command(function_id: int, folded_name: str) -> str | None:
     known = {each.name.casefold(): each.name for each in commands_of(function_id)}
-    close = get_close_matches(folded_name, known, n=1, cutoff=_LEAST_SIMILARITY)
+    close = get_close_matches(folded_name, known, n=1, cutoff=LEAST_SIMILARITY)
     return next((known[name] for name in close), None)
 
 
