@@ -14,6 +14,7 @@ from bcapscope.messages.message import foreign_text
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
+from bcapscope.transport.descriptors import wait_readable
 
 ANSWERS_WITHIN = 10.0
 """Maximum time in seconds for a whole response."""
@@ -79,14 +80,11 @@ class ControlClient:
         if self._socket is None:
             self._socket = connect_control(self._address)
         until = time.monotonic() + ANSWERS_WITHIN
-        self._socket.settimeout(ANSWERS_WITHIN)
         self._socket.sendall(line)
         response = bytearray()
         while not response.endswith(b"\n"):
-            left = until - time.monotonic()
-            if left <= 0:
+            if not wait_readable(self._socket.fileno(), max(until - time.monotonic(), 0)):
                 raise TimeoutError("timed out")
-            self._socket.settimeout(left)
             data = self._socket.recv(1 << 16)
             if not data:
                 raise self._close_with_error("control.ended-early")

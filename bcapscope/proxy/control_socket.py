@@ -22,6 +22,9 @@ MAX_CONNECTIONS = 16
 
 _BACKLOG = 128
 
+CONNECTS_WITHIN = 5.0
+"""Maximum time in seconds to connect to a proxy's control socket, and to send a message."""
+
 IDLE_AFTER = 10.0
 """A new control connection may replace a connection that has been idle for this time in seconds."""
 
@@ -145,7 +148,7 @@ def is_tcp_address(address: str) -> bool:
     return bool(colon) and port.isdecimal() and "/" not in host and os.sep not in host
 
 
-def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
+def connect_control(address: str, timeout: float = CONNECTS_WITHIN) -> socket.socket:
     """Connect to the control socket of a proxy. Raise a `ControlError` if the connection fails, for example
     because no proxy listens on `address`.
     """

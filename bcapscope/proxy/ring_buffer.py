@@ -42,7 +42,8 @@ MAX_WAITING_NOTICES = 1024
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _HOLE = struct.Struct("=QQ")
-_WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # header indices, 8 bytes each
+_WRITTEN, _READ, _AHEAD, _URGENCY = range(4)  # header indices, 8 bytes each
+_COUNTS, _FIGURES = 8, 64
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 

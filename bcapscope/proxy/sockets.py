@@ -21,7 +21,7 @@ SocketAddress: TypeAlias = tuple[Any, ...]
 LARGEST_DATAGRAM = 65535
 
 RECEIVE_BUFFER = 4 << 20
-_SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
+SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 MAX_WAITING_CLIENTS = 1024
@@ -101,7 +101,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
     if sys.platform == "linux":
         with suppress(OSError):  # only root may exceed the system's limit
-            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER)
+            sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER)
     enable_receive_timestamps(sock)
 
 

@@ -286,6 +286,12 @@ def test_a_connection_that_was_reset_is_forgotten(address: str) -> None:
         eventually(lambda: not made.connections)
 
 
+def test_an_empty_line_before_the_first_request_is_ignored(address: str) -> None:
+    with server(address) as made, connect_control(made.address) as sock, sock.makefile("rb") as answers:
+        sock.sendall(b'\n{"do": "rules"}\n')
+        assert json.loads(answers.readline())["ok"]
+
+
 def test_another_file_is_not_taken_away(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("mine")

@@ -192,6 +192,23 @@ def test_what_waits_for_a_decision_is_recorded_when_its_client_leaves() -> None:
         assert sorted(proxy.passed(True) + proxy.passed(False)) == [b"answer", b"question"]
 
 
+def test_what_waits_for_a_decision_is_recorded_before_the_end_of_its_stream() -> None:
+    def decide(client: int, _: Direction, __: bytes) -> PolicyDecision:
+        return decided(client, "", waiting=1)
+
+    with (
+        listening() as door,
+        running(port_of(door), "tcp", policy=Say(decide)) as proxy,
+        socket.create_connection(proxy.address, PATIENCE) as client,
+        door.accept()[0],
+    ):
+        client.sendall(b"question")
+        client.shutdown(socket.SHUT_WR)
+        eventually(lambda: proxy.of(RingRecordKind.END))
+        kinds = [each.kind for each in proxy.look() if each.kind in (RingRecordKind.DATA, RingRecordKind.END)]
+        assert kinds[:2] == [RingRecordKind.DATA, RingRecordKind.END]
+
+
 def test_the_ring_knows_the_streams_of_open_clients() -> None:
     with listening() as door, datagrams() as server, running(port_of(door), "tcp") as proxy:
         assert proxy.relay.ring.streams == set()

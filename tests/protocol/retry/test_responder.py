@@ -71,6 +71,12 @@ def test_playbook(packets: list[tuple[int, int, int]], verdicts: str) -> None:
     assert _play(Responder(), *packets) == verdicts
 
 
+def test_a_retry_after_the_last_serial_does_not_show_the_convention() -> None:
+    responder = Responder()
+    assert _play(responder, (65535, 0, 0), (1, 65535, 0)) == "NEW REPEAT"
+    assert responder.convention is ReservedConvention.UNKNOWN
+
+
 def _responder_for(convention: ReservedConvention) -> Responder:
     """Return a responder that knows the convention of its client."""
     responder = Responder()

@@ -8,7 +8,7 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.joining import joiner as joiner_module
 from bcapscope.traffic.joining.frame_sample import ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, sighting_numbers
-from bcapscope.traffic.joining.joiner import Joiner
+from bcapscope.traffic.joining.joiner import HELD_UNANSWERED_NS, Joiner
 from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, Coverage
 from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
@@ -305,6 +305,19 @@ def test_a_clock_that_is_behind_the_clock_of_the_packets_ends_no_hold() -> None:
         due += [*joiner.add(seen), *joiner.expire(seen.time - 10_000 * MS)]
     due += joiner.close()
     assert [type(each) for each in due] == [JoinedObservation] * 20
+
+
+def test_both_flows_of_a_conversation_without_twin_need_the_joiner_no_longer() -> None:
+    client = Script().client()
+    joiner = Joiner()
+    request = client.ask(0, 1, 0, MOVE)
+    assert joiner.add(request) == []
+    assert joiner.passing == set()
+    assert joiner.expire(request.time + HELD_UNANSWERED_NS) == [request]
+    assert joiner.passing == {request.flow}
+    reply = client.reply(HELD_UNANSWERED_NS / MS + 1, 1)
+    assert joiner.add(reply) == [reply]
+    assert joiner.passing == {request.flow, reply.flow}
 
 
 def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same() -> None:

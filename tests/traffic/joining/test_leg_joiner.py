@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
+from bcapscope.messages import Message
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
-from bcapscope.traffic.joining.leg_joiner import DeliveryQueue, LegJoiner
+from bcapscope.traffic.joining.leg_joiner import DeliveryQueue, LegJoiner, RelayedObservation
 from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS
 from bcapscope.traffic.observation import Observation
 from tests.traffic.joining.two_places import START_SERVICE, ProxiedScript
@@ -37,6 +40,19 @@ def test_both_legs_give_one_observation() -> None:
     assert isinstance(joined, JoinedObservation)
     assert (joined.at_client, joined.at_controller) == (near, far)
     assert legs.joiner.delivered_until >= near.time
+
+
+@pytest.mark.parametrize(
+    ("note", "shown"), [(None, ""), (Message("session.closing"), "the proxy ends the session")]
+)
+def test_the_note_of_the_proxy_stays(note: Message | None, shown: str) -> None:
+    legs = Legs()
+    near = RelayedObservation(*legs.client.near.ask(0, 1, 0, START_SERVICE))
+    near.note = note
+    legs.joiner.add(near)
+    (joined,) = legs.joiner.add(legs.client.far.ask(1, 1, 0, START_SERVICE))
+    assert isinstance(joined, JoinedObservation)
+    assert joined.note == shown
 
 
 def test_a_frame_waits_for_its_twin_and_later_frames_wait_too() -> None:
