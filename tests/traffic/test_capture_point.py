@@ -36,6 +36,18 @@ def test_the_third_shortest_reaction_counts() -> None:
     assert window.nanoseconds == 2 * 5 * MS + CROSSING_AT_CLIENT_NS
 
 
+def test_on_the_computer_of_the_client_no_reaction_is_considered() -> None:
+    assert CrossingWindow(CapturePoint.CLIENT).considered_below_ns == 0
+
+
+def test_ignored_reactions_leave_the_window_as_wide_as_without_any() -> None:
+    window = CrossingWindow()
+    for _ in range(3):
+        window.add_reaction(MS)
+    window.ignore_reactions()
+    assert (window.considered_below_ns, window.nanoseconds) == (0, LONGEST_ROUND_TRIP_NS)
+
+
 def test_clocks_that_go_back_show_no_negative_round_trip() -> None:
     window = CrossingWindow()
     for _ in range(3):

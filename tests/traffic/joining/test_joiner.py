@@ -334,6 +334,21 @@ def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same
     assert (calls[0].duplicates, calls[0].captured_again) == ((), ())
 
 
+@pytest.mark.parametrize(
+    ("place", "near"), [(CapturePlace.CLIENT_SIDE, 43), (CapturePlace.CONTROLLER_SIDE, 2)]
+)
+def test_a_leg_that_is_recognised_late_is_hidden_from_then_on(place: CapturePlace, near: int) -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.ask(0, 1, 0, START_SERVICE, lost=True)
+    client.ask(7000, 2, 1, START_SERVICE)
+    client.reply(7001, 2)
+    client.calls(7010, 20, MOVE, 3)
+    out = joined(script.in_order(), place)
+    assert len(out) == 43
+    assert sum(each.flow.conversation is client.near.conversation for each in out) == near
+
+
 @pytest.mark.parametrize("place", CapturePlace)
 def test_a_direct_client_that_resembles_a_proxied_one_is_not_hidden(place: CapturePlace) -> None:
     script = ProxiedScript()
