@@ -160,7 +160,7 @@ class Requester:
                 )
             )
         self._request_bytes = raw
-        self._policy = policy if self.datagrams else policy._replace(retries=0)
+        self._policy = policy
         self._earlier_attempts.extendleft(self._open_attempts)
         self._open_attempts = []
         self._send_attempt(now)
@@ -193,7 +193,7 @@ class Requester:
         """Send a retry, or end the call, if the deadline of the newest attempt has passed."""
         if self.deadline is None or now < self.deadline:
             return
-        if len(self._open_attempts) <= self._policy.retries:
+        if self.datagrams and len(self._open_attempts) <= self._policy.retries:
             self._send_attempt(now)
         else:
             self.deadline = None

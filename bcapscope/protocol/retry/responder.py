@@ -189,9 +189,7 @@ class Responder:
         self._remember_keys(call)
         if call is self._running or not call.answer:
             return RequestDecision(RequestKind.RUNNING)
-        again = with_serial_and_reserved(
-            call.answer, frame.serial, frame.reserved if self._echoes_reserved else 0
-        )
+        again = with_serial_and_reserved(call.answer, frame.serial, self._reply_reserved(frame.reserved))
         return RequestDecision(RequestKind.REPEAT, again)
 
     def answer_call(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
@@ -203,7 +201,7 @@ class Responder:
         """
         call = self._running
         assert call is not None, "no call is being executed"
-        raw = encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, code, arguments)
+        raw = encode_frame(call.newest, self._reply_reserved(call.reserved), code, arguments)
         if len(raw) > self._largest:
             raise TooLargeError(Message("reply.too-large", size=len(raw), limit=self._largest))
         call.answer = raw
@@ -226,10 +224,13 @@ class Responder:
         """Return a notice (S_EXECUTING) for the running call, so that the client keeps waiting."""
         call = self._running
         assert call is not None, "no call is being executed"
-        return encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, S_EXECUTING)
+        return encode_frame(call.newest, self._reply_reserved(call.reserved), S_EXECUTING)
 
     def reply_unremembered(self, frame: Frame, code: int) -> bytes:
-        return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
+        return encode_frame(frame.serial, self._reply_reserved(frame.reserved), code)
+
+    def _reply_reserved(self, reserved: int) -> int:
+        return reserved if self._echoes_reserved else 0
 
     def reset(self) -> None:
         """Forget all calls of the client. A call that is still running gets no reply."""
