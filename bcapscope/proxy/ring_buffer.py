@@ -235,7 +235,6 @@ class RingWriter(_Ring):
         """Discard waiting records, because the watcher process is gone."""
         self._is_reader_detached = True
         self._required.clear()
-        self._holes.clear()
 
     def write_record(
         self,

@@ -167,6 +167,23 @@ def test_a_hole_in_a_stream_stands_before_its_end() -> None:
     assert (hole.received_at, hole.sent_at) == (2, 3)
 
 
+def test_a_hole_is_written_only_together_with_the_next_record() -> None:
+    writer, reader = ends(1 << 10)
+    writer.streams.add(7)
+    while writer.write_record(True, 7, 2, 3, bytes(50)):
+        pass
+    everything(reader)
+    while writer.write_record(True, 1, 2, 3, bytes(400)):
+        pass
+    assert not writer.write_record(True, 7, 4, 5, bytes(100))  # there is room for the hole alone
+    found = everything(reader)
+    assert {each.client for each in found} == {1}
+    assert writer.write_record(True, 7, 6, 7, b"x")
+    hole, data = everything(reader)
+    assert (hole.kind, hole_sizes(hole)) == (RingRecordKind.HOLE, (150, 150))
+    assert data.data == b"x"
+
+
 def test_a_hole_counts_only_bytes_that_were_received_or_sent() -> None:
     writer, reader = ends(1 << 10)
     writer.streams.add(7)

@@ -163,6 +163,11 @@ def test_bytes_behind_a_sound_frame_are_an_item_of_their_own() -> None:
     assert rest == Malformed(b"\xee\xee", (Problem(0, "soh", Message("problem.soh", byte="EE")),))
 
 
+@pytest.mark.parametrize("frame", PLAIN[:2])
+def test_a_captured_datagram_with_one_frame_has_no_problem(frame: FramePair) -> None:
+    assert parse_captured_datagram(frame.data) == (Frame(frame.data),)
+
+
 def test_each_item_of_a_captured_datagram_is_there_once_and_only_the_first_has_the_problem() -> None:
     for first, second in ((PLAIN[0].data, PLAIN[1].data), (PLAIN[1].data, PLAIN[0].data)):
         items = parse_captured_datagram(first + second + b"\xee")
