@@ -12,7 +12,7 @@ from bcapscope.traffic.joining.joiner import HELD_UNANSWERED_NS, Joiner
 from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, Coverage
 from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
-from tests.traffic.joining.two_places import START_SERVICE, ProxiedScript
+from tests.traffic.joining.two_places import START_SERVICE, ProxiedClient, ProxiedScript
 from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, START, Script, execute, i4
 
 TRANSPORTS = [Transport.UDP, Transport.TCP]
@@ -447,3 +447,87 @@ def test_the_end_of_the_connection_is_known_although_the_other_capture_began_fir
     assert (conversation.client, conversation.server) == (near.client, near.server)
     assert conversation.controller_leg is far
     assert conversation.connection_end == near.connection_end is not None
+
+
+def is_joined(script: ProxiedScript, client: ProxiedClient) -> bool:
+    """Return whether all that was seen of a client on its two legs comes out joined."""
+    out = [each for each in joined(script.in_order()) if each.flow.conversation is client.near.conversation]
+    return bool(out) and all(isinstance(each, JoinedObservation) for each in out)
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(1, False), (2, True)])
+def test_the_senders_of_one_request_are_bounded(
+    monkeypatch: pytest.MonkeyPatch, limit: int, expected: bool
+) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_SENDERS", limit)
+    script = ProxiedScript()
+    script.client(50009).ask(0, 1, 0, MOVE)
+    client = script.proxied_client()
+    client.call(1, 1, MOVE)
+    assert is_joined(script, client) is expected
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(1, False), (2, True)])
+def test_the_suspects_of_a_conversation_are_bounded(
+    monkeypatch: pytest.MonkeyPatch, limit: int, expected: bool
+) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_SUSPECTS", limit)
+    script = ProxiedScript()
+    other, client = script.proxied_client(50009), script.proxied_client()
+    other.far.ask(0, 1, 0, MOVE)  # before the other leg, so the two are no twins
+    other.near.ask(1, 1, 0, MOVE)
+    client.call(2, 1, MOVE)
+    assert is_joined(script, client) is expected
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(1, False), (2, True)])
+def test_the_remembered_requests_are_bounded(
+    monkeypatch: pytest.MonkeyPatch, limit: int, expected: bool
+) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_REQUESTS", limit)
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.call(0, 1, MOVE)
+    assert is_joined(script, client) is expected
+
+
+@pytest.mark.parametrize("limit", [1, 2])
+def test_of_too_many_new_conversations_the_oldest_is_held_no_longer(
+    monkeypatch: pytest.MonkeyPatch, limit: int
+) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_NEW", limit)
+    script = Script()
+    requests = [script.client(50001 + number).ask(number, 1, 0, MOVE) for number in range(limit + 1)]
+    joiner = Joiner()
+    assert [joiner.add(each) for each in requests] == [[]] * limit + [[requests[0]]]
+
+
+@pytest.mark.parametrize("limit", [1, 2])
+def test_beyond_the_limit_conversations_without_twin_are_examined_again(
+    monkeypatch: pytest.MonkeyPatch, limit: int
+) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_CONVERSATIONS", limit)
+    script = Script()
+    first, second = script.client(50001), script.client(50002)
+    joiner = Joiner()
+    for number, client in enumerate((first, second)):
+        request = client.ask(10_000 * number, 1, 0, MOVE)
+        assert joiner.add(request) == []
+        assert joiner.expire(request.time + HELD_UNANSWERED_NS) == [request]
+    again = first.ask(20_000, 2, 0, MOVE)
+    assert joiner.add(again) == ([again] if limit == 2 else [])
+
+
+@pytest.mark.parametrize(("limit", "returned_at_once"), [(1, 0), (2, 2)])
+def test_beyond_the_limit_the_conversation_that_was_joined_first_is_joined_no_longer(
+    monkeypatch: pytest.MonkeyPatch, limit: int, returned_at_once: int
+) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_JOINED", limit)
+    script = ProxiedScript()
+    first, second = script.proxied_client(), script.proxied_client(50002)
+    first.calls(0, 10, MOVE)
+    second.calls(1000, 10, MOVE)
+    first.call(2000, 11, OTHER)
+    joiner = Joiner()
+    returned = [each for seen in script.in_order() for each in joiner.add(seen)]
+    assert len([each for each in returned if each.time >= START + 2000 * MS]) == returned_at_once
