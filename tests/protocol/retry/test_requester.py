@@ -197,6 +197,7 @@ def test_the_time_of_a_call_counts_from_its_first_try() -> None:
     requester.start_call(19, (), PACE, 5 * MS)
     requester.receive_item(_reply(1, S_EXECUTING), 6 * MS)
     requester.handle_timeout(8 * MS)
+    requester.receive_item(_reply(2, S_EXECUTING), 8 * MS + 1)
     requester.receive_item(_reply(2), 9 * MS)
     answered = requester.drain_events()[-1]
     assert isinstance(answered, CallAnswered)
