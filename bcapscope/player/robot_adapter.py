@@ -173,7 +173,8 @@ class RobotAdapter:
 
         The option NEXT makes the controller answer at once, so that the player can halt the robot on its way.
         If the robot stops before the goal, raise the controller's error or, if there is none,
-        RemoteProtocolError. If the robot reaches the goal with a different Fig, wait one second and return.
+        RemoteProtocolError. If the robot reaches the position with another Fig than the goal's, return after
+        one second without an error.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:

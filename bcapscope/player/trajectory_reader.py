@@ -181,8 +181,8 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 
 
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
-    """Read every control log in a project. Skip tables without titles, because their meaning is unknown. Skip
-    captures, because WINCAPS III exports no logs as captures.
+    """Read every control log that WINCAPS III exported to the folder of a project. Ignore tables without
+    titles, because their meaning is unknown. Ignore packet captures too: WINCAPS III never writes one.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []
@@ -217,7 +217,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
-    """Add the file name to `Trajectory.source`; skip trajectories without column names."""
+    """Yield each trajectory that has column names, with the file name in its `Trajectory.source`."""
     for trajectory in trajectories:
         source = trajectory.source
         part = Message.from_table("text", name)

@@ -241,7 +241,9 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and release the arm. The player process, another client, can then take the arm."""
+        """Leave slave mode and release the arm, so that the player process can take the arm: for the
+        controller, this process is another client.
+        """
         session = self._session
         try:
             if status.slave_mode:
