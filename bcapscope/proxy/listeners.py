@@ -21,7 +21,7 @@ def open_listeners(
     both transports. The listeners accept no clients until the relay opens them. Raise the errors of
     `listen_on` and `resolve`.
     """
-    for last in range(_TRIES - 1, -1, -1):
+    for left in reversed(range(_TRIES)):
         listeners: list[TcpListener | UdpListener] = []
         address = spec.listen
         try:
@@ -36,6 +36,6 @@ def open_listeners(
             for listener in listeners:
                 listener.close()
                 listener.release()
-            if spec.listen.port or spec.transports != BOTH or not last:
+            if spec.listen.port or spec.transports != BOTH or not left:
                 raise
     raise AssertionError("the last try must return listeners or raise an exception")

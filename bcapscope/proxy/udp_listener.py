@@ -50,6 +50,20 @@ MAX_STRANGERS = 256
 """Maximum number of rejected addresses to report to the user, each address once."""
 
 
+class _DropCounter:
+    """Counts the datagrams that the system dropped because the receive buffer of a socket was full."""
+
+    def __init__(self, relay: Relay, sock: socket.socket) -> None:
+        self._relay = relay
+        self._socket = sock
+        self._dropped = 0
+
+    def update(self) -> None:
+        dropped = dropped_datagrams(self._socket)
+        self._relay.counts[RelayCounter.LOST] += dropped - self._dropped
+        self._dropped = dropped
+
+
 class UdpListener(ClientListener):
     """A UDP socket to which clients send their requests. `sessions` maps client addresses to sessions of
     clients that have sent more than one datagram. `refused` is True while the controller refuses datagrams.
@@ -62,7 +76,8 @@ class UdpListener(ClientListener):
         self.sessions: dict[SocketAddress, UdpSession] = {}
         self._fresh_sessions: dict[SocketAddress, UdpSession] = {}
         self._strangers: set[str] = set()
-        self._dropped = self._unreachable_count = 0
+        self._drops = _DropCounter(relay, self.socket)
+        self._unreachable_count = 0
 
     def open(self) -> None:
         """Discard the datagrams that already wait, because the controller must not get outdated requests."""
@@ -73,11 +88,11 @@ class UdpListener(ClientListener):
 
     def close(self) -> None:
         """Stop receiving. The socket stays open, to send replies to clients."""
-        self._count_drops()
+        self._drops.update()
         super().close()
 
     def sweep(self, now: int) -> None:
-        self._count_drops()
+        self._drops.update()
         for session in (*self.sessions.values(), *self._fresh_sessions.values()):
             if now - session.last_heard > self._forget_after:
                 session.close(False, Message("client.silent", seconds=self._forget_after // 1_000_000_000))
@@ -129,11 +144,6 @@ class UdpListener(ClientListener):
             ends = {"client": str(endpoint_of(address)), "controller": str(self.to)}
             self.relay.notify(Message("client.no-controller", reason=os_reason(error), **ends))
 
-    def _count_drops(self) -> None:
-        dropped = dropped_datagrams(self.socket)
-        self.relay.counts[RelayCounter.LOST] += dropped - self._dropped
-        self._dropped = dropped
-
 
 class UdpSession(RelaySession):
     def __init__(self, listener: UdpListener, address: SocketAddress, upstream: socket.socket) -> None:
@@ -144,7 +154,7 @@ class UdpSession(RelaySession):
         self._listener = listener
         self._address = address
         self._send_down = listener.socket.sendto
-        self._dropped = 0
+        self._drops = _DropCounter(relay, upstream)
         relay.watch(upstream.fileno(), _datagram_handler(listener, upstream, self))
         ends = ClientEndpoints(
             Transport.UDP,
@@ -221,14 +231,14 @@ class UdpSession(RelaySession):
         self._relay.release_held(self)
         if self._upstream.fileno() < 0:  # while held messages were released, a rule has closed the session
             return
-        self._count_drops()
+        self._drops.update()
         self._relay.unwatch(self._upstream.fileno())
         self._upstream.close()
         self._listener.remove_session(self._address)
         self._relay.remove_client(self, why)
 
     def sweep(self, now: int) -> None:
-        self._count_drops()  # the listener removes silent clients
+        self._drops.update()  # the listener removes silent clients
 
     def notify_refused(self) -> None:
         """Report a refused datagram, but after that no further one until the controller sends a datagram."""
@@ -244,11 +254,6 @@ class UdpSession(RelaySession):
             client = str(self.conversation.client)
             relay.notify(Message("client.not-sent", client=client, size=len(data), reason=os_reason(error)))
         return 0
-
-    def _count_drops(self) -> None:
-        dropped = dropped_datagrams(self._upstream)
-        self._relay.counts[RelayCounter.LOST] += dropped - self._dropped
-        self._dropped = dropped
 
 
 def _datagram_handler(

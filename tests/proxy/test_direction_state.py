@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -31,8 +33,9 @@ def test_nothing_is_sent_without_a_stop() -> None:
     assert sent(request(1)[20:], request(2)) == b""
 
 
-def test_the_rest_of_a_frame_is_sent_before_a_stop_although_it_looks_like_a_frame() -> None:
-    looks = b"\x01" + (10_000).to_bytes(4, "little") + bytes(8) + b"\x01\0" + bytes(20)
+@pytest.mark.parametrize("length", [40, 10_000])
+def test_the_rest_of_a_frame_is_sent_before_a_stop_although_it_looks_like_a_frame(length: int) -> None:
+    looks = b"\x01" + length.to_bytes(4, "little") + bytes(8) + b"\x01\0" + bytes(24) + b"\x04"
     whole = encode_frame(1, 0, 64, (Variant.array(VT.UI1, looks),))
     rest = whole[whole.index(looks) :]
     state = DirectionState(1, talk(Transport.TCP).up, 0, ByteBudget())

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import pytest
 
+from bcapscope.messages.message import foreign_text
 from bcapscope.proxy.listener_spec import ListenerSpec, parse_listener_specs
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.relay import Relay
@@ -50,6 +51,22 @@ def test_a_port_that_is_free_on_one_transport_alone_is_not_chosen(monkeypatch: p
         address, count = opened("127.0.0.1:0")
     assert count == 2
     assert address.port != tried[0]
+
+
+def test_after_twenty_ports_that_are_free_on_one_transport_alone_the_error_is_raised(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[int] = []
+
+    def open_udp(relay: Relay, spec: ListenerSpec, forget_after: int) -> UdpListener:
+        tried.append(spec.listen.port)
+        raise ProxyListenError(foreign_text(f"attempt {len(tried)}"))
+
+    monkeypatch.setattr("bcapscope.proxy.listeners.UdpListener", open_udp)
+    with pytest.raises(ProxyListenError, match=r"attempt 20$"):
+        opened("127.0.0.1:0")
+    with pytest.raises(ProxyListenError, match=r"attempt 21$"):  # it tries no other port
+        opened(f"127.0.0.1:{tried[0]}")
 
 
 def test_ipv6() -> None:

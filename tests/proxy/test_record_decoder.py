@@ -49,6 +49,16 @@ def test_requests_as_they_came_and_replies_as_they_left() -> None:
     assert (str(conversation.client), str(conversation.server)) == ("10.0.0.2:50001", "10.0.0.1:5007")
 
 
+def test_a_frame_that_comes_in_many_pieces_leaves_the_next_its_arrival_time() -> None:
+    long = encode_frame(7, 0, 2, (Variant(VT.BSTR, "x" * 200),))
+    pieces = [long[index : index + 1] for index in range(len(long))]
+    assert len(pieces) > 300
+    first, last = pieces[:256], b"".join(pieces[256:]) + REQUEST[:5]  # the 257th piece begins the next frame
+    records = [data(True, 10 + index, 0, each) for index, each in enumerate([*first, last, REQUEST[5:]])]
+    found = [each for each, _ in seen(opened("tcp"), *records)]
+    assert [(each.first_byte_time, each.time) for each in found] == [(10, 266), (266, 267)]
+
+
 def test_what_rules_lost_was_said_but_not_heard() -> None:
     lost = seen(opened("udp"), data(True, 10, 0, REQUEST, "lost"), data(False, 30, 0, REPLY, "lost"))
     assert [(each.flow.direction, note) for each, note in lost] == [(Direction.REQUEST, "lost")]

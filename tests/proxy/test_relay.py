@@ -373,6 +373,9 @@ def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
                 accepted.settimeout(PATIENCE)
                 stream.sendall(b"stream")
                 assert accepted.recv(100) == b"stream"
+                proxy.relay.close_listeners()
+                accepted.sendall(b"still open")
+                assert stream.recv(100) == b"still open"
                 stream.shutdown(socket.SHUT_WR)
                 assert accepted.recv(100) == b""
                 accepted.sendall(b"back")

@@ -36,10 +36,11 @@ def rules(
     guard: RequestGuard | None = None,
     intercept: Intercept | None = None,
     scripts: Here | None = None,
+    epoch: int = 0,
 ) -> RulePolicy:
     """Set up rules, and clients with the numbers 1, 2, …"""
     shaper = FaultInjector(map(read_fault, faults), seed=1, now=0)
-    made = RulePolicy(shaper, guard, intercept, None if scripts is None else scripts.queue)
+    made = RulePolicy(shaper, guard, intercept, None if scripts is None else scripts.queue, epoch=epoch)
     for number in range(1, clients + 1):
         made.add_client(number, talk(transport).up.conversation, 0)
     if scripts is not None:

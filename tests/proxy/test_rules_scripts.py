@@ -482,10 +482,11 @@ def test_nothing_waits_for_a_script_that_decides_nothing() -> None:
     assert not here.queue.is_on
 
 
-def test_calls_settle_though_nothing_more_comes() -> None:
+@pytest.mark.parametrize("epoch", [0, 1_700_000_000_000_000_000])
+def test_calls_settle_though_nothing_more_comes(epoch: int) -> None:
     listener = Listener()
     here = Here(listener)
-    made = rules(scripts=here)
+    made = rules(scripts=here, epoch=epoch)
     made.receive(1, UP, request(1), 0)
     made.receive(1, DOWN, reply(1), MS)
     now = MS
