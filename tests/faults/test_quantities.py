@@ -118,6 +118,11 @@ def test_what_is_no_path_is_refused(path: str) -> None:
         read_path(path)
 
 
+def test_an_error_shows_the_first_sixty_characters_of_a_text() -> None:
+    with pytest.raises(ValueError, match=f"^'{'x' * 59}… is not an argument"):
+        read_path("x" * 100)
+
+
 def test_a_span_holds_numbers_back_and_what_is_no_number_too() -> None:
     span = Span.read("-90..90")
     assert [span.clamp(number) for number in (-91, -90, 0, 90.5, math.inf)] == [-90, -90, 0, 90, 90]

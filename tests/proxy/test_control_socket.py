@@ -25,7 +25,7 @@ from bcapscope.proxy.control_socket import (
     connect_control,
     is_tcp_address,
 )
-from bcapscope.proxy.poller import DescriptorWatcher
+from bcapscope.proxy.poller import READ, DescriptorWatcher, Handler
 from bcapscope.transport.socket_link import close_with_reset
 from tests.proxy.relaying import eventually
 from tests.proxy.test_rule_policy import rules
@@ -284,6 +284,22 @@ def test_a_connection_that_was_reset_is_forgotten(address: str) -> None:
         else:
             sock.close()
         eventually(lambda: not made.connections)
+
+
+def test_a_client_that_has_vanished_keeps_nobody_waiting(address: str) -> None:
+    class Handlers(DescriptorWatcher):
+        def __init__(self) -> None:
+            super().__init__()
+            self.accept: Handler = lambda _: None
+
+        def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
+            self.accept = handler
+            super().watch(descriptor, handler, mask)
+
+    watcher = Handlers()
+    with closing(ControlServer(address, ControlApi(rules()), watcher)) as made:
+        watcher.accept(READ)
+        assert not made.connections
 
 
 def test_an_empty_line_before_the_first_request_is_ignored(address: str) -> None:

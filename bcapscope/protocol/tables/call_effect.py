@@ -6,24 +6,24 @@ the commands in `commands.tsv`. Calls that could start a motion, and unknown cal
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, auto
 from types import MappingProxyType
 
 from bcapscope.protocol.tables.table_rows import table_rows
 
 
 class CallEffect(IntEnum):
-    READS = 0
+    READS = auto()
     """Only reads data from the controller."""
-    SESSION = 1
+    SESSION = auto()
     """Opens or closes the client's own session or handles; changes nothing on the robot."""
-    CHANGES = 2
+    CHANGES = auto()
     """Changes a state, a value or a setting of the controller."""
-    ENERGISES = 3
+    ENERGISES = auto()
     """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. The effect of
     Robot_Speed is only `CHANGES`, because Robot_Speed affects only the client's own motions.
     """
-    MOVES = 4
+    MOVES = auto()
     """Moves the robot or a hand, starts a program, or may have such an effect."""
 
 
