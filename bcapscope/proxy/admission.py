@@ -5,7 +5,7 @@ always gets a slot.
 from __future__ import annotations
 
 from collections import Counter
-from enum import Enum
+from enum import Enum, auto
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -43,9 +43,9 @@ TOO_MANY_CLIENTS = Message("client.silent.too-many")
 
 
 class ClientSlot(Enum):
-    NONE = 0
-    REGULAR = 1
-    RESERVED = 2
+    NONE = auto()
+    REGULAR = auto()
+    RESERVED = auto()
     """A slot reserved for stops."""
 
 

@@ -83,10 +83,11 @@ def test_bytes_pass_as_they_come_frames_or_not() -> None:
         assert 0 < record.received_at <= record.sent_at
 
 
-def test_small_messages_are_sent_at_once() -> None:
+def test_small_messages_are_sent_at_once_and_vanished_computers_are_noticed() -> None:
     with standing() as (_, _, _, session):
         for sock in (session._up.source, session._up.sink):
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
 
 
 def test_half_close_passes_through_and_the_other_half_goes_on() -> None:
