@@ -4,8 +4,8 @@
 Usage: .ci/mutate.py [COUNT [SEED]]    COUNT changes (100), drawn by SEED (0)
 
 Each change is made in a copy of the project. It affects one comparison, operator, number, `not`, call, return
-value or slice. The tests of the module run first, then those of its package. Look at each survivor: it lacks
-a test, or the change makes no difference, as one in fifteen does. Exits with 1 if more than a tenth survives.
+value or slice. The tests of the module run first, then those of its package, then all others. Look at each
+survivor: it lacks a test, or the change makes no difference. Exits with 1 if 3 % or more survive.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
 PACKAGES = ("protocol", "traffic", "proxy", "faults")
-SURVIVING_SHARE = 0.1
-SECONDS = 300  # a change that makes tests hang is noticed
+SURVIVING_SHARE = 0.03
+SECONDS = 1200  # a change that makes tests hang is noticed
 NOT_COPIED = shutil.ignore_patterns(".venv", ".git", "__pycache__", ".*_cache")
 
 PAIRS = [
@@ -106,11 +106,11 @@ def draw_change(rng: random.Random, source: str) -> tuple[str, str] | None:
 
 
 def is_noticed(tree: Path, path: Path) -> bool:
-    """Return whether a test fails, first of the module's own tests, then of all tests of its package."""
+    """Return whether a test fails. First try the module's own tests, then those of its package, then all."""
     environment = {**os.environ, "PYTHONPATH": str(tree)}  # for the programs that tests start
     folder = tree / "tests" / path.relative_to(tree / "bcapscope").parts[0]
     own = [*folder.rglob(f"test_{path.stem}.py")]
-    for tests in ([*own, "-n0"] if own else [], [folder, tree / "tests" / "messages"]):
+    for tests in ([*own, "-n0"] if own else [], [folder, tree / "tests" / "messages"], [tree / "tests"]):
         if not tests:
             continue
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *map(str, tests)]
@@ -143,7 +143,7 @@ def main(count: int = 100, seed: int = 0) -> int:
                 print(f"survived: {path.relative_to(tree)}:{change[1]}", flush=True)
             path.write_text(source, "utf-8")
     print(f"{survived} of {count} changes survived")
-    return int(survived > count * SURVIVING_SHARE)
+    return int(survived >= count * SURVIVING_SHARE)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ class ClientSlots:
         self._sources: Counter[str] = Counter()
         self._replacements_left, self._replaced_at = REPLACE_BURST, 0
         self._exhausted_sources: set[str | None] = set()
-        self._exhausted_at = 0
+        self._exhausted_at: int | None = None
 
     def __len__(self) -> int:
         return len(self._regular) + len(self._reserved)

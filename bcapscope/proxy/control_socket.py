@@ -16,6 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_messages import LONGEST_LINE, parse_endpoint
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
+from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.listening import allow_restart
 
 MAX_CONNECTIONS = 16
@@ -48,7 +49,7 @@ class ControlServer:
             reason = os_reason(error)
             raise ControlError(Message("control.cannot-listen", address=address, reason=reason)) from error
         self._socket.setblocking(False)
-        self.address = self._path or "%s:%d" % self._socket.getsockname()[:2]
+        self.address = self._path or str(Endpoint(*self._socket.getsockname()[:2]))
         watcher.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:

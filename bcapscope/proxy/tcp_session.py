@@ -86,7 +86,7 @@ class TcpSession(RelaySession):
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 keep_alive(sock)
         self._last_activity = relay.now
-        self._first = first
+        self._first: tuple[bytes, int] | None = first
         self._to = to
         self._up = _HalfConnection(True, client, server)
         self._down = _HalfConnection(False, server, client)
@@ -220,10 +220,9 @@ class TcpSession(RelaySession):
                 self.fail(problem)
             elif happened & WRITE:
                 self._connected = True
-                first, received_at = self._first
-                self._first = b"", 0
-                if first:
-                    self._on_bytes(self._up, first, received_at)
+                first, self._first = self._first, None
+                if first is not None and first[0]:
+                    self._on_bytes(self._up, *first)
                 self._update_masks()
         else:
             self._handle(happened, self._down, self._up)
@@ -359,10 +358,13 @@ class TcpSession(RelaySession):
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
             return False
-        most = 0 if policy is None else MAX_PENDING
-        if half.up and policy is not None and len(self._down.pending) > most:
-            return False  # The client reads no replies, so the proxy must not answer more requests.
-        return self._connected and not half.source_ended and len(half.pending) <= most
+        if policy is None:
+            is_full = bool(half.pending)
+        else:
+            # If the client reads no replies, the proxy must not answer more requests.
+            waiting = (half, self._down) if half.up else (half,)
+            is_full = any(len(each.pending) > MAX_PENDING for each in waiting)
+        return self._connected and not half.source_ended and not is_full
 
     def _update_masks(self) -> None:
         if self._closed:

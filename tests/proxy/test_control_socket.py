@@ -302,6 +302,14 @@ def test_a_client_that_has_vanished_keeps_nobody_waiting(address: str) -> None:
         assert not made.connections
 
 
+@pytest.mark.skipif(not socket.has_ipv6, reason="IPv6 is missing")
+def test_control_on_ipv6() -> None:
+    with server("[::1]:0") as made, connect_control(made.address) as sock, sock.makefile("rb") as answers:
+        assert made.address == f"[::1]:{sock.getpeername()[1]}"
+        sock.sendall(b'{"do": "rules"}\n')
+        assert json.loads(answers.readline())["ok"]
+
+
 def test_an_empty_line_before_the_first_request_is_ignored(address: str) -> None:
     with server(address) as made, connect_control(made.address) as sock, sock.makefile("rb") as answers:
         sock.sendall(b'\n{"do": "rules"}\n')

@@ -313,6 +313,6 @@ def _poses_of_part(
     # If the receive format is unknown, an array of the right length counts as one pose of `pose_type`, the
     # type of the slave mode. No public document describes the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
-    known = types[0] if types else (pose_type if agrees else None)
+    known = next(iter(types), pose_type if agrees else None)
     pose, problems = build_pose(row, known)
     return (pose,), problems
