@@ -380,7 +380,7 @@ def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
                 assert accepted.recv(100) == b""
                 accepted.sendall(b"back")
                 assert stream.recv(100) == b"back"
-        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 4)
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 5)
 
 
 def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_number() -> None:
