@@ -21,8 +21,8 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far. The points of a stop count. Repetitions of the first or
-            last point do not count.
+        index: Number of set points returned so far, with the set points that bring the robot to rest, but
+            without repetitions of the first or last set point.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
