@@ -531,3 +531,26 @@ def test_beyond_the_limit_the_conversation_that_was_joined_first_is_joined_no_lo
     joiner = Joiner()
     returned = [each for seen in script.in_order() for each in joiner.add(seen)]
     assert len([each for each in returned if each.time >= START + 2000 * MS]) == returned_at_once
+
+
+def test_a_frame_whose_twin_is_missing_does_not_hold_back_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_WAITING", 100)
+    script = ProxiedScript()
+    client, direct = script.proxied_client(), script.client(50002)
+    client.calls(0, 10, MOVE)
+    direct.ask(0.5, 1, 0, OTHER)
+    direct.reply(1, 1)
+    direct.ask(2, 2, 0, OTHER)
+    direct.reply(3, 2)
+    client.ask(1000, 11, 0, OTHER, lost=True)
+    for serial in range(3, 500):
+        direct.ask(1000 + serial / 10, serial, 0, OTHER)
+    joiner = Joiner()
+    waiting = largest = 0
+    for seen in script.in_order():
+        due = joiner.add(seen)
+        returned = sum(len(sighting_numbers(each)) for each in due)
+        waiting += 1 - returned
+        largest = max(largest, waiting)
+    assert 90 <= largest <= 103
+    assert waiting == 0
