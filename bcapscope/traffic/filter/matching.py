@@ -238,7 +238,6 @@ def search(pattern: str) -> Match:
 
     options = re2.Options()
     options.log_errors = False
-    options.never_capture = True
     options.case_sensitive = False
     try:
         compiled = re2.compile(pattern.encode("utf-8", "surrogatepass"), options)
