@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.faults.attempt_counter import AttemptCounter
-from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.traffic.recent_serials import MAX_SERIALS
@@ -50,6 +50,17 @@ def test_another_call_with_the_number_of_an_earlier_one_is_no_retry() -> None:
     assert number(attempts, flows, 5, 0, "CurJnt") == 1
     assert number(attempts, flows, 7, 6, "CurPos") == 2
     assert answered(attempts, flows, 5) == 1
+
+
+def test_a_call_of_another_function_is_no_retry() -> None:
+    attempts, flows = AttemptCounter(), talk()
+    first, other = Frame(encode_frame(5, 0, 0x40, ())), Frame(encode_frame(6, 5, 0x41, ()))
+    assert attempts.attempt_number(flows.up, first) == 1
+    call = attempts.add_frame(flows.up, other)
+    assert call is not None
+    assert call.number == call.call.attempts == 2
+    assert attempts.find_same_request(flows.up, Frame(encode_frame(5, 0, 0x41, ()))) is call.call
+    assert attempts.find_same_request(flows.up, first) is None
 
 
 def test_each_conversation_counts_for_itself_and_nothing_is_sent_twice_on_tcp() -> None:

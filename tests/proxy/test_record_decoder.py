@@ -45,6 +45,7 @@ def test_requests_as_they_came_and_replies_as_they_left() -> None:
         (2, 10, Direction.REQUEST, ""),
         (3, 40, Direction.RESPONSE, "late"),
     ]
+    assert {each.packet for each, _ in found} == {0}  # there is no recording
     conversation = found[0][0].flow.conversation
     assert (str(conversation.client), str(conversation.server)) == ("10.0.0.2:50001", "10.0.0.1:5007")
 

@@ -554,3 +554,17 @@ def test_a_frame_whose_twin_is_missing_does_not_hold_back_too_many(monkeypatch: 
         largest = max(largest, waiting)
     assert 90 <= largest <= 103
     assert waiting == 0
+
+
+def test_frames_of_one_time_keep_their_order() -> None:
+    script = Script()
+    alone, new = script.client(), script.client(50002)
+    alone.ask(0, 1, 0, MOVE)
+    alone.reply(1, 1)
+    alone.ask(2, 2, 0, MOVE)
+    alone.reply(3, 2)
+    new.ask(4, 1, 0, OTHER)
+    alone.ask(4, 3, 0, MOVE)
+    joiner = Joiner()
+    assert [each.number for seen in script.seen for each in joiner.add(seen)] == [1, 2, 3, 4]
+    assert [each.number for each in joiner.close()] == [5, 6]

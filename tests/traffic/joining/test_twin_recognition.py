@@ -16,7 +16,7 @@ def call(asked: float, replied: float) -> list[Observation]:
 
 @pytest.mark.parametrize(
     ("inner", "contradicted"),
-    [((1, 8), False), ((0, 9), False), ((-0.001, 8), True), ((1, 9.001), True)],
+    [((1, 8), False), ((0, 9), False), ((-1 / MS, 8), True), ((1, 9 + 1 / MS), True)],
 )
 def test_a_call_is_nested_if_it_begins_no_earlier_and_ends_no_later(
     inner: tuple[float, float], contradicted: bool
