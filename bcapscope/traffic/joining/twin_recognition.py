@@ -65,7 +65,7 @@ def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
     """Return the minimum number of nested calls (see `NestedCalls`) that proves that `outer` and `inner` are
     the two legs of a proxy. Return None if the interface names show that they are not.
     """
-    if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
+    if any(each.interface.startswith((CLIENT_LEG, CONTROLLER_LEG)) for each in (outer, inner)):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
         return 1 if are_legs else None
     is_same_host = outer.server.host == inner.client.host != outer.client.host
