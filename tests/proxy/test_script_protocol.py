@@ -76,3 +76,9 @@ def test_messages_arrive_one_by_one_however_their_bytes_are_cut() -> None:
         while (message := unpacker.next_frame()) is not None:
             found.append(message)
     assert found == [ClientGone(1), ClientGone(2), ClientGone(3)]
+
+
+def test_the_largest_message_is_waited_for() -> None:
+    unpacker: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
+    unpacker.feed_bytes(LARGEST_FRAME_SIZE.to_bytes(4, "little"))
+    assert unpacker.next_frame() is None

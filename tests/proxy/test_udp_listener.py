@@ -425,6 +425,8 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
         proxy.relay.close()
         assert [data[5] for data in proxy.passed(True)[1:]] == asked
         assert [data[5] for data in proxy.passed(False)] == [1, 2]
+        own = [each for each in proxy.of(RingRecordKind.DATA) if each.up][1:]
+        assert {each.received_at for each in own} == {0}  # no client sent these requests
         assert [each.client for each in proxy.of(RingRecordKind.CLIENT_CLOSED)] == [session.number]
 
 
