@@ -56,6 +56,13 @@ def test_a_stop_has_at_most_1024_bytes(characters: int, stops: bool) -> None:
     assert first_frame_stops(data) is stops
 
 
+@pytest.mark.parametrize(("size", "stops"), [(984, True), (985, False)])
+def test_a_stop_of_1025_bytes_is_too_long(size: int, stops: bool) -> None:
+    data = encode_frame(1, 0, 70, (ROBOT, Variant.array(VT.UI1, bytes(size))))
+    assert len(data) == size + 40
+    assert first_frame_stops(data) is stops
+
+
 def test_nothing_is_unpacked_to_find_a_stop() -> None:
     body = zlib.compress(HALT[9:-1])
     packed = b"\x01" + (len(body) + 10).to_bytes(4, "little") + HALT[5:7] + b"\x01\x00" + body + b"\x04"

@@ -60,6 +60,17 @@ def test_a_frame_that_comes_in_many_pieces_leaves_the_next_its_arrival_time() ->
     assert [(each.first_byte_time, each.time) for each in found] == [(10, 266), (266, 267)]
 
 
+def test_a_frame_that_comes_in_many_pieces_keeps_its_own_arrival_time() -> None:
+    first, second = (encode_frame(7, 0, 2, (Variant(VT.BSTR, "x" * size),)) for size in (90, 100))
+    pieces = [(first + second)[index : index + 1] for index in range(len(first + second))]
+    pieces[len(first) - 1 : len(first) + 1] = [first[-1:] + second[:1]]
+    records = [data(True, 10 + index, 0, each) for index, each in enumerate(pieces)]
+    found = [each for each, _ in seen(opened("tcp"), *records)]
+    began = 10 + len(first) - 1
+    assert 128 < len(first) < 256 < len(pieces)
+    assert [each.first_byte_time for each in found] == [10, began]
+
+
 def test_what_rules_lost_was_said_but_not_heard() -> None:
     lost = seen(opened("udp"), data(True, 10, 0, REQUEST, "lost"), data(False, 30, 0, REPLY, "lost"))
     assert [(each.flow.direction, note) for each, note in lost] == [(Direction.REQUEST, "lost")]

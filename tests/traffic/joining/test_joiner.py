@@ -449,6 +449,18 @@ def test_the_end_of_the_connection_is_known_although_the_other_capture_began_fir
     assert conversation.connection_end == near.connection_end is not None
 
 
+def test_a_conversation_that_is_released_does_not_hide_the_requests_of_others() -> None:
+    script = ProxiedScript()
+    client, direct = script.proxied_client(), script.client(50002)
+    client.near.ask(0, 1, 0, MOVE)
+    for serial in (1, 2):
+        direct.ask(serial, serial, 0, OTHER)
+        direct.reply(serial + 0.5, serial)
+    client.far.ask(3, 1, 0, MOVE)
+    client.reply(4, 1)
+    assert is_joined(script, client)
+
+
 def is_joined(script: ProxiedScript, client: ProxiedClient) -> bool:
     """Return whether all that was seen of a client on its two legs comes out joined."""
     out = [each for each in joined(script.in_order()) if each.flow.conversation is client.near.conversation]
