@@ -242,6 +242,21 @@ def test_nobody_gets_in_while_a_proxy_ends() -> None:
             socket.create_connection(proxy.address, PATIENCE)
 
 
+@pytest.mark.parametrize(("is_admitted", "pending_left", "spares_left"), [(True, 0, 4), (False, 1, 3)])
+def test_a_stop_gets_a_descriptor_of_a_pending_client_and_a_new_client_gets_a_spare_one(
+    is_admitted: bool, pending_left: int, spares_left: int
+) -> None:
+    relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + 4096))))
+    assert relay.spares.refill()
+    here, there = socket.socketpair()
+    with there:
+        relay.pending_connections.add(here, ("10.0.0.1", 50000), lambda *_: None)
+        assert relay.free_descriptor(is_admitted=is_admitted)
+        assert relay.pending_connections.drop_lowest_priority() is bool(pending_left)
+        assert sum(relay.spares.release_one() for _ in range(9)) == spares_left
+    relay.close()
+
+
 def test_a_long_note_is_cut() -> None:
     assert encode_note(None) == b""
     assert decoded(encode_note(foreign_text("x" * 4000))) == "x" * 4000
