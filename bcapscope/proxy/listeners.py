@@ -34,7 +34,6 @@ def open_listeners(
             return address, listeners
         except ProxyListenError:
             for listener in listeners:
-                listener.close()
                 listener.release()
             if spec.listen.port or spec.transports != BOTH or not left:
                 raise

@@ -192,6 +192,26 @@ def test_what_waits_for_a_decision_is_recorded_when_its_client_leaves() -> None:
         assert sorted(proxy.passed(True) + proxy.passed(False)) == [b"answer", b"question"]
 
 
+def test_what_waits_for_a_decision_is_recorded_when_a_client_on_udp_is_forgotten() -> None:
+    seen: list[bytes] = []
+
+    def decide(client: int, _: Direction, data: bytes) -> PolicyDecision:
+        seen.append(data)
+        return decided(client, "", waiting=1)
+
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=Say(decide)) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"question")
+        eventually(lambda: seen)
+        proxy.stop()
+        (session,) = proxy.relay.sessions.values()
+        session.close(False, Message("client.ended"))
+        eventually(lambda: proxy.passed(True) == [b"question"])
+
+
 def test_what_waits_for_a_decision_is_recorded_before_the_end_of_its_stream() -> None:
     def decide(client: int, _: Direction, __: bytes) -> PolicyDecision:
         return decided(client, "", waiting=1)

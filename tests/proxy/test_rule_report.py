@@ -43,3 +43,8 @@ def test_eight_names_are_enough(names: int, ending: str) -> None:
     text = str(names_with_counts([Frame(request(1, f"c{number}")) for number in range(names)]))
     assert text.endswith(ending)
     assert text.count("Robot_Execute") == 8
+
+
+def test_of_a_long_name_eighty_characters_are_shown() -> None:
+    text = str(names_with_counts([Frame(request(1, "c" * 100))]))
+    assert text == "1 " + f"Robot_Execute {'c' * 100}"[:80]

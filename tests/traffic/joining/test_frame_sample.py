@@ -30,6 +30,16 @@ def test_a_frame_is_the_same_only_near_the_offset_of_the_others(deviation: int, 
     assert [each.offset for each in found] == ([60_000 * MS] if shared else [])
 
 
+@pytest.mark.parametrize(("others", "shared"), [(0, True), (4, True), (5, False)])
+def test_at_least_half_of_the_equal_frames_must_have_one_offset(others: int, shared: bool) -> None:
+    times = [number * 8 * MS for number in range(4 + others)]
+    later = [time + 60_000 * MS for time in times]
+    for number in range(others):
+        later[number] += (number % 2 * 2 - 1) * (number + 2) * 1000 * MS
+    found = find_shared(sample(times), sample(later))
+    assert [each.offset for each in found] == ([60_000 * MS] if shared else [])
+
+
 @pytest.mark.parametrize(
     ("frames", "shared", "is_sure"),
     [(40, 40, True), (39, 39, False), (100, 80, True), (100, 79, False)],
