@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
@@ -467,39 +469,41 @@ def is_joined(script: ProxiedScript, client: ProxiedClient) -> bool:
     return bool(out) and all(isinstance(each, JoinedObservation) for each in out)
 
 
-@pytest.mark.parametrize(("limit", "expected"), [(1, False), (2, True)])
-def test_the_senders_of_one_request_are_bounded(
-    monkeypatch: pytest.MonkeyPatch, limit: int, expected: bool
-) -> None:
-    monkeypatch.setattr(joiner_module, "MAX_SENDERS", limit)
-    script = ProxiedScript()
+def with_another_sender(script: ProxiedScript) -> None:
     script.client(50009).ask(0, 1, 0, MOVE)
-    client = script.proxied_client()
-    client.call(1, 1, MOVE)
-    assert is_joined(script, client) is expected
 
 
-@pytest.mark.parametrize(("limit", "expected"), [(1, False), (2, True)])
-def test_the_suspects_of_a_conversation_are_bounded(
-    monkeypatch: pytest.MonkeyPatch, limit: int, expected: bool
-) -> None:
-    monkeypatch.setattr(joiner_module, "MAX_SUSPECTS", limit)
-    script = ProxiedScript()
-    other, client = script.proxied_client(50009), script.proxied_client()
+def with_another_suspect(script: ProxiedScript) -> None:
+    other = script.proxied_client(50009)
     other.far.ask(0, 1, 0, MOVE)  # before the other leg, so the two are no twins
     other.near.ask(1, 1, 0, MOVE)
-    client.call(2, 1, MOVE)
-    assert is_joined(script, client) is expected
+
+
+def with_nothing_else(script: ProxiedScript) -> None:
+    pass
 
 
 @pytest.mark.parametrize(("limit", "expected"), [(1, False), (2, True)])
-def test_the_remembered_requests_are_bounded(
-    monkeypatch: pytest.MonkeyPatch, limit: int, expected: bool
+@pytest.mark.parametrize(
+    ("name", "prepare"),
+    [
+        ("MAX_SENDERS", with_another_sender),
+        ("MAX_SUSPECTS", with_another_suspect),
+        ("MAX_REQUESTS", with_nothing_else),
+    ],
+)
+def test_beyond_a_limit_the_other_leg_is_not_found(
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    prepare: Callable[[ProxiedScript], None],
+    limit: int,
+    expected: bool,
 ) -> None:
-    monkeypatch.setattr(joiner_module, "MAX_REQUESTS", limit)
+    monkeypatch.setattr(joiner_module, name, limit)
     script = ProxiedScript()
+    prepare(script)
     client = script.proxied_client()
-    client.call(0, 1, MOVE)
+    client.call(2, 1, MOVE)
     assert is_joined(script, client) is expected
 
 
