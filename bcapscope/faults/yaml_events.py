@@ -16,6 +16,9 @@ from bcapscope.messages import Message
 
 MAX_LEVELS = 64
 
+_DEPTH_PROBLEM = "exceeded maximum nesting depth"
+"""libyaml from 0.2.6 on reports this problem when it reads ahead more than 1,000 levels."""
+
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
@@ -28,6 +31,10 @@ class YamlError(InputError):
         self.column = mark.column + 1 if mark else 0
 
 
+def _too_deep() -> Message:
+    return Message("yaml.too-deep", levels=MAX_LEVELS)
+
+
 def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
     """Yield the events of a stream of YAML documents, with all scalars as text. If the data is not YAML, or
     has more than `MAX_LEVELS` levels, raise a `YamlError`.
@@ -38,11 +45,13 @@ def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
             if isinstance(event, yaml.CollectionStartEvent):
                 depth += 1
                 if depth > MAX_LEVELS:
-                    raise YamlError(Message("yaml.too-deep", levels=MAX_LEVELS), event.start_mark)
+                    raise YamlError(_too_deep(), event.start_mark)
             elif isinstance(event, yaml.CollectionEndEvent):
                 depth -= 1
             yield event
     except yaml.MarkedYAMLError as error:
-        raise YamlError(Message("yaml.invalid", reason=str(error.problem)), error.problem_mark) from error
+        is_too_deep = error.problem == _DEPTH_PROBLEM
+        reason = _too_deep() if is_too_deep else Message("yaml.invalid", reason=str(error.problem))
+        raise YamlError(reason, error.problem_mark) from error
     except (yaml.YAMLError, UnicodeError) as error:
         raise YamlError(Message("yaml.invalid", reason=" ".join(str(error).split()))) from error
