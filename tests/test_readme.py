@@ -17,13 +17,11 @@ PAGES = {
 }
 
 
-def shown() -> list[tuple[str, str]]:
-    """List each command line that a page shows with what it says that comes out of it, once."""
+def shown() -> list[tuple[tuple[str, str], ...]]:
+    """List each block of command lines that a page shows, once. A command line has its output beside it."""
     blocks = [block for page in PAGES.values() for block in re.findall(r"(?ms)^```console\n(.*?)^```$", page)]
-    runs = [run for block in blocks for run in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]]
-    return list(
-        dict.fromkeys((command, output) for command, _, output in (run.partition("\n") for run in runs))
-    )
+    runs = [re.split(r"^\$ ", block, flags=re.MULTILINE)[1:] for block in blocks]
+    return list(dict.fromkeys(tuple((each.partition("\n")[::2]) for each in block) for block in runs))
 
 
 def anchors(page: str) -> set[str]:
@@ -32,14 +30,16 @@ def anchors(page: str) -> set[str]:
     return {re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize(("command", "expected"), shown(), ids=lambda text: text[:60])
-def test_every_sample_is_what_is_printed(command: str, expected: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("block", shown(), ids=lambda block: block[0][0][:60])
+def test_every_sample_is_what_is_printed(block: tuple[tuple[str, str], ...], tmp_path: Path) -> None:
+    """The commands of one block may depend on each other, so they run in order."""
     program = tmp_path / "bcapscope"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m bcapscope "$@"\n')
     program.chmod(0o755)
     env = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(["sh", "-c", command], cwd=ROOT, env=env, capture_output=True, check=False)
-    assert done.stdout.decode() == expected
+    for command, expected in block:
+        done = subprocess.run(["sh", "-c", command], cwd=ROOT, env=env, capture_output=True, check=False)
+        assert done.stdout.decode() == expected
 
 
 def test_there_are_samples() -> None:
